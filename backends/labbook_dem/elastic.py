@@ -4,12 +4,12 @@ Dashpots and friction need velocities and springs, which a recording does not ha
 """
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Table, columns
 from labbook.scene import Bodies, Clumps, Packing, Scene, Spherocylinders
 from labbook.scene.orientation import axes, nearest, rotated
+from labbook.scene.periodic import nearest_images, tree
 from labbook_dem.chosen import choose
 from labbook_dem.plain_walls import PlainGrains, PlainWalls
 from labbook_dem.spheres import effective
@@ -47,10 +47,11 @@ def _pairs(scene: Scene, numerics: Numerics, packing: Packing) -> np.ndarray:
     assert ids is not None
     if len(packing) < 2:
         return np.empty((0, 9))
-    close = KDTree(packing.x).query_pairs(2 * (float(bodies.radius.max()) + grains.overhang), output_type="ndarray")
+    period, farthest = scene.container.period, 2 * (float(bodies.radius.max()) + grains.overhang)
+    close = tree(packing.x, period).query_pairs(farthest, output_type="ndarray")
     # Sorted: the tree gives pairs in an order of its own, and rows of a file must not depend on it.
     i, j = close[np.lexsort((close[:, 1], close[:, 0]))].T
-    away = between = packing.x[i] - packing.x[j]
+    away = between = nearest_images(packing.x[i] - packing.x[j], period)
     own, partner = bodies.radius[i], bodies.radius[j]
     if isinstance(grains, Spherocylinders) and packing.q is not None:
         a = axes(packing.q)

@@ -15,6 +15,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, Probe, Table, Traction, empty_table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
+from labbook.scene.periodic import in_box
 from labbook.scene.quantities import format_distinct, span
 from labbook_dem.features import covers, specialise
 from labbook_dem.ledger import kinetic, status
@@ -148,6 +149,7 @@ class Ensemble(backend.Ensemble, Generic[R]):
             raise ValueError("packing: it has no grains; start from one grain or more")
         if not covers(self._spec, self._specialise(scene, numerics)):
             raise ValueError("this member needs kernels that the ensemble's Spec does not have")
+        start = in_box(start, scene.container.period) if isinstance(start, Packing) else start
         run = self._begin(scene, numerics, start)
         run.probes, run.frames = read_by, []
         run.bins = {probe: BinTable.of(scene, probe) for probe in read_by if isinstance(probe, Traction)}
@@ -186,8 +188,9 @@ class Ensemble(backend.Ensemble, Generic[R]):
         with self.reading(grains):
             for member, returning in grains.items():
                 _check_absent(self._runs[member], returning)
-        runs = ((self._runs[member], returning) for member, returning in grains.items())
-        self._put_back([(run, returning, _half_step(run, returning)) for run, returning in runs])
+        runs = [(self._runs[member], returning) for member, returning in grains.items()]
+        placed = [(run, in_box(returning, run.scene.container.period)) for run, returning in runs]
+        self._put_back([(run, returning, _half_step(run, returning)) for run, returning in placed])
 
     def _put_back(self, returning: Sequence[tuple[R, Packing, np.ndarray]]) -> None:
         """Insert grains into each run, with their velocities [m/s] at the time of the stored ones."""

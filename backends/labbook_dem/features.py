@@ -33,6 +33,7 @@ SWITCHES = (
     "ANY_WALLS",
     "MESHES",
     "POSES",
+    "PERIODIC",
 )
 """Features that are constants of a generated module."""
 FALL = 2.0  # grain lengths below outlet or sink at which a grain is dropped: it touches none that is still counted
@@ -50,6 +51,7 @@ class Needs(NamedTuple):
     poses: bool
     """True if parts move as a whole."""
     outlet: bool
+    periodic: bool
 
     @classmethod
     def of(cls, scene: Scene) -> "Needs":
@@ -58,7 +60,8 @@ class Needs(NamedTuple):
         kinds = frozenset([wall.shape.kind for wall in walls])
         poses = any([wall.is_posed for wall in walls])
         moving = poses or any([wall.motion is not AT_REST and wall.motion != AT_REST for wall in walls])
-        return cls(scene.grains, scene.contact, scene.surfaces, kinds, moving, poses, scene.outlet is not None)
+        outlet, periodic = scene.outlet is not None, math.isfinite(scene.container.period)
+        return cls(scene.grains, scene.contact, scene.surfaces, kinds, moving, poses, outlet, periodic)
 
 
 def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
@@ -87,6 +90,7 @@ def _features(needs: Needs, precision: str, probes: Sequence[Probe]) -> dict[str
         "MESHES": MESH in needs.walls,
         "POSES": needs.poses,
         "OUTLET": needs.outlet,
+        "PERIODIC": needs.periodic,
         "CROSSING": any(isinstance(probe, Crossing) for probe in probes),
         "LEDGER": any(isinstance(probe, Ledger) for probe in probes),
     }
@@ -261,6 +265,9 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
     if needs.poses and not can.moving_parts:
         reason = f"the backend {can.name} has no parts that move"
         raise Unsupported("container.parts[].moves", f"{reason}; use --backend numba, or leave moves out")
+    if needs.periodic and not can.periodic:
+        reason = f"the backend {can.name} has no periodic sides"
+        raise Unsupported("container.periodic", f"{reason}; use --backend reference, or leave periodic out")
     for formulas, names in ((LAWS, (needs.contact.law,)), (WALLS, needs.walls - {MESH})):
         for name in names:
             _ = formulas[name]  # raises BrokenPlugin if a definition is missing

@@ -86,10 +86,12 @@ def cross(a: vec3, b: vec3) -> vec3:
 
 
 sqrt = math.sqrt
+floor = math.floor
 
 # optional features: constants of a generated module, so that compilers leave out unused branches
 FRICTION = True
 VARIED = True  # spheres differ in size, material or both
+PERIODIC = True  # the container repeats along y
 
 
 class Switch:

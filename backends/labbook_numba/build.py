@@ -14,7 +14,7 @@ from types import ModuleType
 
 import llvmlite
 import numba
-from labbook_dem import contact, dispatch, generated, mesh, mesh_rods, motion, source
+from labbook_dem import contact, dispatch, generated, images, mesh, mesh_rods, motion, source
 from labbook_dem import poses as formulas_of_poses
 from labbook_dem import traction as traction_sums
 from labbook_dem.features import constants
@@ -28,6 +28,7 @@ from labbook_numba import dialect, lanes, meeting, rows, squeeze, state, vector
 from labbook_numba.kernels import (
     blocks,
     bodies,
+    branches,
     cells,
     meet,
     mesh_walls,
@@ -50,7 +51,7 @@ from labbook_numba.shapes import SHAPES
 PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "ROLL", "BODY")
 PLACES += ("X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
 
-BEFORE = (cells, blocks, bodies, transfer)
+BEFORE = (cells, blocks, bodies, transfer, branches)
 AFTER = (pairs, near, move, neighbours, meet, step, observe, traction)
 """Kernels common to all shapes, before and after those of a shape in the generated module."""
 
@@ -92,6 +93,7 @@ def module_text(spec: Spec) -> str:
         contact,
         *modules_of(str(spec.feature("law"))),
         motion,
+        images,
         *(WALLS[kind] for kind in kinds),
         *PHYSICS[grains].physics,
         *([mesh, *([mesh_rods] if layout.ORIENTED else []), formulas_of_poses] if spec.feature("MESHES") else []),

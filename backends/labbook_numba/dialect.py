@@ -13,7 +13,7 @@ import numpy as np
 from numba import float32, float64, int64, njit, uint64
 
 from labbook_numba.code_cache import cached
-from labbook_numba.lanes import eight_at, put, put_row, row_at, spread, square
+from labbook_numba.lanes import eight_at, floor, put, put_row, row_at, spread, square
 from labbook_numba.meeting import arrive, arrived, give_way
 from labbook_numba.rows import add_rows, add_two_rows, columns, put_rows, rows, rows_at
 from labbook_numba.squeeze import (

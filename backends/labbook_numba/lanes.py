@@ -101,6 +101,20 @@ class _MinusRows(ConcreteTemplate):
     cases = [signature(eight_rows, eight_rows)]  # noqa: RUF012 - Numba's protocol
 
 
+@intrinsic
+def floor(typing, value):
+    """Largest whole number that is not above a number, or each of eight."""
+
+    def code(context, builder, sig, args):
+        [number] = args
+        suffix = "v8f64" if number.type == EIGHT else "f64"
+        name, signature = f"llvm.floor.{suffix}", ir.FunctionType(number.type, [number.type])
+        function = builder.module.globals.get(name)
+        return builder.call(function or ir.Function(builder.module, signature, name), [number])
+
+    return value(value), code
+
+
 # memory; places are counted in elements of a C-contiguous array
 
 

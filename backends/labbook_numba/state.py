@@ -223,6 +223,8 @@ class Params(NamedTuple):
 
     mesh_...: of walls that are meshes (`labbook_dem.mesh_grid`); mesh_moves: distance [m] by which a grain may move in
     the frame of one before lists are rebuilt; part_speed: largest speed [m/s] of parts that move.
+
+    period: distance [m] of periodic sides along y; infinite without them.
     """
 
     c: tuple
@@ -252,6 +254,7 @@ class Params(NamedTuple):
     mesh_listed: np.ndarray
     mesh_moves: float
     part_speed: float
+    period: float
 
 
 def allocate(

@@ -31,6 +31,7 @@ class Backend(DemBackend):
         rods_at_meshes=True,
         moving_parts=True,
         clumps=True,
+        periodic=True,
     )
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:

@@ -13,13 +13,13 @@ from labbook_dem.dispatch import PlainWall
 from labbook_dem.ensemble import LONGEST, NOT_RECORDED, Failure, Standing, explain
 from labbook_dem.ensemble import check_checkpoint as check_names
 from labbook_dem.features import features, is_oriented, planes, rolling_springs
+from labbook_dem.images import image
 from labbook_dem.mesh import MESH_CONTACTS, PlainMesh, TooManyContacts, mesh_table
 from labbook_dem.mesh_rods import rod_table
 from labbook_dem.plain_walls import NONE, PARTS, GrainState, Key, PlainGrains, PlainWalls, axes_of
 from labbook_dem.reading import CONTACT_COLUMNS, Grains, Inside, crossing_columns
 from labbook_dem.traction import SUMS, add_touch
 from labbook_dem.words import coefs, dot, vec3
-from scipy.spatial import KDTree
 
 from labbook.backend import Capabilities, Checkpoint
 from labbook.backend.numerics import Numerics
@@ -29,6 +29,7 @@ from labbook.scene.grains import MOST_SPHERES
 from labbook.scene.hulls import overlapping
 from labbook.scene.orientation import axes
 from labbook.scene.packing import Packing
+from labbook.scene.periodic import nearest_images, tree
 
 LOST = vec3(np.nan, np.nan, np.nan)
 NEWER = ("deepest", "fastest")
@@ -118,13 +119,14 @@ class Run(Standing):
 
     def __init__(self, can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]):
         self._can, self.scene, self.numerics, self.probes = can, scene, numerics, tuple(probes)
-        self.walls = scene.container.walls()
+        self.walls, self._period = scene.container.walls(), scene.container.period
         self._at_walls = PlainWalls(scene, numerics)
         self.slender, self.flat = rotation.slenderness(scene.grains), rotation.flatness(scene.grains)
         self.failure: Failure | None = None
         self.frames = []
         features_by_name = features(scene, numerics, probes)
         self._friction, self._rolling = bool(features_by_name["FRICTION"]), bool(features_by_name["ROLLING_SPRING"])
+        self._periodic = bool(features_by_name["PERIODIC"])
         crossed = any(isinstance(probe, Crossing) for probe in probes)
         plane, self._drop = planes(scene, probes)
         self._plane = plane if crossed else -np.inf
@@ -281,9 +283,12 @@ class Run(Standing):
         v, m = self.v, self.m
         self.v, self.m = kick(v, a, kick_dt), kick(m, turns, kick_dt)
         self.work += self._work(forces, (v + self.v) / 2, (m + self.m) / 2, kick_dt)
-        self.x, self.u, self.y = drift(self.x, self.v, dt), predict(self.v, a, dt), predict(self.m, turns, dt)
+        moved, self.u, self.y = drift(self.x, self.v, dt), predict(self.v, a, dt), predict(self.m, turns, dt)
+        self.x = nearest_images(moved, self._period)
         self.springs, self.rolling = forces.springs, forces.rolling
         self.clear -= np.linalg.norm(self.v, axis=1) * dt
+        if self._periodic:  # grains that enter on the other side may meet other parts
+            self.clear[:, (self.x != moved).any(axis=1)] = 0.0
         if self.q is not None:
             states = zip(self.q.tolist(), self.m.tolist(), strict=True)
             self.q = np.array([self._turned(w, x, y, z, vec3(*m_i)) for (w, x, y, z), m_i in states])
@@ -382,12 +387,13 @@ class Run(Standing):
     def _close(self) -> list[tuple[int, int]]:
         """Pairs of grains that may touch: within reach, and for rods and clumps with close segments or spheres."""
         radius, grains, q = float(self.bodies.radius.max()), self.scene.grains, self.q
-        pairs = sorted(KDTree(self.x).query_pairs(2 * (radius + grains.overhang)))
+        pairs = sorted(tree(self.x, self._period).query_pairs(2 * (radius + grains.overhang)))
         if q is None or not pairs:
             return pairs
         i, j = np.array(pairs).T
         # the margin far exceeds the differences from the distances of `segments.closest`, which decide
-        near = overlapping(grains, self.x[i] - self.x[j], q[i], q[j], 2.001 * radius)
+        branch = nearest_images(self.x[i] - self.x[j], self._period)
+        near = overlapping(grains, branch, q[i], q[j], 2.001 * radius)
         return [pair for pair, meets in zip(pairs, near.tolist(), strict=True) if meets]
 
     def _near(self, w: int, wall: PlainWall | PlainMesh) -> list[int]:
@@ -405,6 +411,7 @@ class Run(Standing):
     def _pair(self, total: Forces, i: int, j: int, now: PlainGrains) -> None:
         """Add the forces of grains i and j on each other, if they touch."""
         bodies, branch = self.bodies, vec3(*(self.x[i] - self.x[j]).tolist())
+        branch = image(branch, self._period) if self._periodic else branch
         u, v = vec3(*(self.u[i] - self.u[j]).tolist()), vec3(*(self.v[i] - self.v[j]).tolist())
         key = int(self.ids[i]), int(self.ids[j])
         c: coefs = self._pair_c[int(bodies.kind[i]), int(bodies.kind[j])]

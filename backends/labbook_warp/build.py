@@ -6,7 +6,7 @@ from functools import lru_cache
 from types import ModuleType
 
 import warp as wp
-from labbook_dem import contact, dispatch, features, generated, mesh, mesh_rods, motion, poses, source
+from labbook_dem import contact, dispatch, features, generated, images, mesh, mesh_rods, motion, poses, source
 from labbook_dem import traction as traction_sums
 from labbook_dem.formulas import hold
 from labbook_dem.laws import modules_of
@@ -100,7 +100,7 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     constants |= {name: getattr(words, name) for name in OF_WORDS}
     # the formulas of frustums are there for `rod_walls`, whether a scene has one or not
     physics = [WALLS[kind] for kind in dict.fromkeys((*kinds, *(("frustum",) if turns else ())))]
-    physics = [contact, *modules_of(str(spec.feature("law"))), motion, *physics, *PHYSICS[grains].physics]
+    physics = [contact, *modules_of(str(spec.feature("law"))), motion, images, *physics, *PHYSICS[grains].physics]
     modules = [
         _system_text(meshes),
         *(_mesh_texts(turns, moves) if meshes else []),

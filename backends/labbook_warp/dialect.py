@@ -62,6 +62,7 @@ Bodies = wp.array(dtype=wp.vec4d)
 dot = wp.dot
 cross = wp.cross
 sqrt = wp.sqrt
+floor = wp.floor
 
 
 @wp.func_native({rounded!r})

@@ -38,6 +38,7 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     record.inverse_mass, record.inverse_inertia = 1 / grains.mass, 1 / grains.inertia
     record.gravity, record.dt = scene.gravity, numerics.dt
     record.rolling_stiffness, record.rolling_damping = scene.contact.rolling_spring
+    record.period = scene.container.period
     record.speed_limit2, record.overlap_limit = numerics.speed_limit**2, numerics.overlap_limit * scene.grains.finest
     record.quantum_f, record.quantum_t = _quantum(force), _quantum(force * (r + grains.overhang))
     record.per_quantum_f, record.per_quantum_t = 1 / record.quantum_f, 1 / record.quantum_t
@@ -68,15 +69,18 @@ def place(module: ModuleType, scene: Scene, numerics: Numerics, probes: Sequence
     record.plane, record.drop = features.planes(scene, probes)
     record.cell = cell_size(scene, numerics)
     record.gx, record.gy, record.gz = lattice
+    period = scene.container.period
+    record.cell_y = period / record.gy if math.isfinite(period) else record.cell
     record.walls = len(scene.container.walls())
     return record
 
 
 def same_material(runs: Iterable[tuple[Scene, Numerics]]) -> bool:
-    """True if all of these have the same grains, law, gravity, clock and quanta."""
+    """True if all of these have the same grains, law, gravity, period, clock and quanta."""
     different = {(id(s), id(n)): (s, n) for s, n in runs}.values()  # replicates share a scene
     kinds = {
-        (s.grains.model_copy(update={"count": 1}), s.contact, s.gravity, n, largest_force(s, n)) for s, n in different
+        (s.grains.model_copy(update={"count": 1}), s.contact, s.gravity, s.container.period, n, largest_force(s, n))
+        for s, n in different
     }
     return len(kinds) == 1
 
@@ -96,8 +100,8 @@ def max_cells(grains: int) -> int:
     return 4 * grains + 64
 
 
-def lattice(x: np.ndarray, cell: float, reach: int) -> tuple[int, ...]:
-    """Numbers of cells along x, y, z over which grains spread, at most `max_cells` in all.
+def lattice(x: np.ndarray, cell: float, reach: int, period: float = math.inf) -> tuple[int, ...]:
+    """Numbers of cells along x, y, z over which grains spread, at most `max_cells` in all; along y, of a period.
 
     Along each axis there is one cell, or enough that a grain's cells of neighbours, up to `reach` away, are distinct.
 
@@ -105,11 +109,15 @@ def lattice(x: np.ndarray, cell: float, reach: int) -> tuple[int, ...]:
         x: positions [m], shape [n, 3].
         cell: edge of a cell [m].
         reach: cells to a neighbour.
+        period: distance [m] of periodic sides along y; infinite without them.
     """
     min_cells = 2 * reach + 1
     extent = np.ptp(x, axis=0) if len(x) else np.zeros(3)
     # grains within the thickness of one cell may lie in two; both wrap onto one
     cells = np.where(extent < cell, 1, (np.ceil(extent / cell) + 2).clip(min_cells, 1e6))
+    if math.isfinite(period):  # cells that fill it, and are not thinner
+        across = math.floor(period / cell)
+        cells[1] = across if across >= min_cells else 1
     limit = max_cells(len(x))
     while cells.prod() > limit:
         axis = int(np.argmax(cells))

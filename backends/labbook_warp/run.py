@@ -69,7 +69,8 @@ class Run:
             Bodies.of(self.scene.grains, self.begin)  # an error now, not when it gets a slot
             self.rows = len(self.begin)
             positions = self.begin.x
-        self.lattice = lattice(positions, cell_size(self.scene, self.numerics), SHAPES[self.scene.grains.shape].reach)
+        cell, reach = cell_size(self.scene, self.numerics), SHAPES[self.scene.grains.shape].reach
+        self.lattice = lattice(positions, cell, reach, self.scene.container.period)
 
     def takes_up(self, stored: Checkpoint) -> None:
         """Take over the counters of a checkpoint, which has no rows of grains that had left."""

@@ -38,6 +38,7 @@ class Capabilities:
         breaks: Velocities of grains can be set (`Ensemble.set_velocities`), which scenes with `restart` need.
         rods_at_meshes: Rods have contacts with walls of triangles.
         moving_parts: Parts of a container can move (`Wall.moves`).
+        periodic: Containers can have periodic sides (`labbook.scene.periodic`).
     """
 
     name: str
@@ -53,6 +54,7 @@ class Capabilities:
     breaks: bool = False
     rods_at_meshes: bool = False
     moving_parts: bool = False
+    periodic: bool = False
 
 
 @dataclass(frozen=True)

@@ -209,15 +209,19 @@ def send_velocities(stream, root: str, scene: Scene, frames: Sequence[Frame], fa
     stream.send_columns(f"{below(root)}velocities", [clock], columns.partition(counts))
 
 
-def paths_of(frames: Sequence[Frame], ids: np.ndarray, diameter: float) -> list[tuple[int, np.ndarray]]:
+def paths_of(
+    frames: Sequence[Frame], ids: np.ndarray, diameter: float, period: float = math.inf
+) -> list[tuple[int, np.ndarray]]:
     """Trace the paths of grains from frame to frame.
 
-    A path ends where a grain that had left was put back: there it is farther away than its speeds allow.
+    A path ends where a grain that had left was put back: there it is farther away than its speeds allow. It also ends
+    at periodic sides.
 
     Args:
         frames: Frames of the run.
         ids: Names of the grains.
         diameter: Diameter of a grain [m], the slack of a step.
+        period: Distance of periodic sides along y [m]; infinite without them.
 
     Returns:
         Name of the grain and places [m], shape [k, 3], of each path.
@@ -233,7 +237,8 @@ def paths_of(frames: Sequence[Frame], ids: np.ndarray, diameter: float) -> list[
         x, v = (np.array([getattr(frame, name)[row] for frame, row in places], float) for name in ("x", "v"))
         time, speed = np.array([frame.time for frame, _ in places]), np.linalg.norm(v, axis=1)
         allowed = _FASTER * np.maximum(speed[1:], speed[:-1]) * np.diff(time) + diameter
-        breaks = np.flatnonzero(np.linalg.norm(np.diff(x, axis=0), axis=1) > allowed) + 1
+        step = np.diff(x, axis=0)
+        breaks = np.flatnonzero((np.linalg.norm(step, axis=1) > allowed) | (np.abs(step[:, 1]) > period / 2)) + 1
         paths += [(grain, part) for part in np.split(x, breaks) if len(part) > 1]
     return paths
 
@@ -244,7 +249,7 @@ def send_paths(stream, root: str, scene: Scene, start: Packing, frames: Sequence
     assert start.ids is not None
     order = start.ids[np.argsort(start.x[:, 2], kind="stable")]
     grains = order[np.unique(np.linspace(0, len(order) - 1, min(_PATHS, len(order))).round().astype(int))]
-    paths = paths_of(frames, grains, scene.grains.diameter)
+    paths = paths_of(frames, grains, scene.grains.diameter, scene.container.period)
     colours = layer_colours(scene, start, start.rows(np.array([grain for grain, _ in paths], int)))
     strips = rr.LineStrips3D(
         [path.astype(np.float32) for _, path in paths],

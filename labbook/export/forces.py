@@ -11,6 +11,7 @@ from labbook.backend.numerics import Numerics
 from labbook.export.frames import Frame
 from labbook.measure import RunData
 from labbook.scene import Packing, Scene
+from labbook.scene.periodic import nearest_images
 
 
 class NoForces(Exception):
@@ -21,7 +22,7 @@ class PairForces(NamedTuple):
     """Contacts between grains in one frame.
 
     Attributes:
-        ends: Centres of both grains [m], shape [k, 2, 3].
+        ends: Centres of both grains, the second that of its nearest image [m], shape [k, 2, 3].
         size: Elastic normal forces [N], shape [k].
     """
 
@@ -50,7 +51,9 @@ def pair_forces(backend: Backend, scene: Scene, numerics: Numerics, start: Packi
     order = np.argsort(frame.ids)
     i, j = (order[np.searchsorted(frame.ids, table[side][between], sorter=order)] for side in "ij")
     size = np.sqrt(sum(np.asarray(table[axis])[between] ** 2 for axis in ("fx", "fy", "fz")))
-    return PairForces(np.stack([frame.x[i], frame.x[j]], axis=1).astype(float), np.asarray(size, float))
+    first = frame.x[i].astype(float)
+    second = first + nearest_images(frame.x[j] - first, scene.container.period)
+    return PairForces(np.stack([first, second], axis=1), np.asarray(size, float))
 
 
 def packing_of(start: Packing, frame: Frame) -> Packing:

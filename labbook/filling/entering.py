@@ -86,7 +86,7 @@ def entering(room: Room, grains: Grains, searches: Sequence[Search], rounds: int
     # a fourth coordinate separates the beds: grains of different beds are never neighbours in the tree
     bed_of = np.concatenate([own, np.repeat(beds, [len(bed.x) for bed in there])])
     apart = bed_of[:, None] * (4 * (float(reach.max()) + grains.overhang))
-    waiting, placed, above = np.arange(n), np.arange(n, len(x)), Placed(np.hstack([x, apart])[n:])
+    waiting, placed, above = np.arange(n), np.arange(n, len(x)), Placed(np.hstack([x, apart])[n:], room.period)
     for k in range(rounds):
         if not len(waiting):
             break

@@ -13,6 +13,7 @@ from labbook.scene.attached import AttachedError, content, name
 from labbook.scene.model import Fault, once
 from labbook.scene.orientation import axes, distances, turned_to
 from labbook.scene.packing import Packing
+from labbook.scene.periodic import in_box, nearest_images, tree
 from labbook.scene.quantities import value_range
 from labbook.scene.sizes import Equal
 
@@ -68,7 +69,7 @@ def _start(grains: Grains, container: Container, file: GrainFile) -> Packing | F
         kind = _kinds(grains, table, here)
         fault = next(_faults(grains, table, kind, here), None)
         if fault is None:
-            packing = _packing(grains, table, kind, np.array(file.shift))
+            packing = in_box(_packing(grains, table, kind, np.array(file.shift)), container.period)
             fault = next(_misplaced(grains, container, packing, here), None)
             return packing if fault is None else fault
     except GrainFileError as error:
@@ -176,7 +177,7 @@ def _misplaced(grains: Grains, container: Container, packing: Packing, here: str
         )
         yield Fault("fill.file", reason, "move all grains by fill.shift, or use the container of the file")
         return
-    pairs = _overlaps(x, diameter, axis, half)
+    pairs = _overlaps(x, diameter, axis, half, container.period)
     if pairs is not None:
         (first, second), deepest, several = pairs
         reason = (
@@ -187,17 +188,15 @@ def _misplaced(grains: Grains, container: Container, packing: Packing, here: str
 
 
 def _overlaps(
-    x: np.ndarray, diameter: np.ndarray, axis: np.ndarray | None, half: float
+    x: np.ndarray, diameter: np.ndarray, axis: np.ndarray | None, half: float, period: float
 ) -> tuple[tuple[int, int], float, int] | None:
     """Find the largest overlap between grains, if it is above MOST_OVERLAP.
 
     Returns:
         The pair, its overlap [diameters of the smaller grain], and the number of pairs above MOST_OVERLAP; or None.
     """
-    from scipy.spatial import KDTree
-
-    i, j = KDTree(x).query_pairs(diameter.max() + 2 * half, output_type="ndarray").T
-    branch = x[i] - x[j]
+    i, j = tree(x, period).query_pairs(diameter.max() + 2 * half, output_type="ndarray").T
+    branch = nearest_images(x[i] - x[j], period)
     apart = np.linalg.norm(branch, axis=1) if axis is None else distances(branch, axis[i], axis[j], half)
     overlap = ((diameter[i] + diameter[j]) / 2 - apart) / np.minimum(diameter[i], diameter[j])
     if not len(overlap) or overlap.max() <= MOST_OVERLAP:

@@ -25,6 +25,7 @@ from labbook.scene.hulls import bounding_spheres, overlapping
 from labbook.scene.model import Fault, once
 from labbook.scene.orientation import random_turns, turned_to
 from labbook.scene.packing import Packing
+from labbook.scene.periodic import nearest_images, tree
 
 APART = 1 + 1e-6
 """Factor on the sizes of grains when they are placed: nothing touches at the start."""
@@ -393,7 +394,7 @@ def _place_equal(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Place grains of equal size: centres [m], shape [n, 3], and orientations of rods, shape [n, 4]. Raises Full."""
     grains = closed.grains
-    there, q = Placed(np.empty((0, 3))), np.empty((0, 4))
+    there, q = Placed(np.empty((0, 3)), room.period), np.empty((0, 4))
     for _ in range(_ROUNDS):
         lacking = grains.count - len(there)
         if lacking == 0:
@@ -403,10 +404,10 @@ def _place_equal(
             turns = random_turns(rng, len(trial))
             fits = clear_of_walls(room, grains, trial, turns)
             trial, turns = trial[fits], turns[fits]
-            apart = _apart_turned(grains, trial, turns, there, q)
+            apart = _apart_turned(grains, trial, turns, there, q, room.period)
             q = np.concatenate([q, turns[apart]])[: grains.count]
         else:
-            apart = _apart(trial, there, grains.diameter * APART)
+            apart = _apart(trial, there, grains.diameter * APART, room.period)
         there.add(trial[apart][:lacking])
     raise Full(len(there))
 
@@ -429,19 +430,21 @@ def clear_of_walls(
     return free
 
 
-def _apart(trial: np.ndarray, there: Placed, distance: float) -> np.ndarray:
+def _apart(trial: np.ndarray, there: Placed, distance: float, period: float) -> np.ndarray:
     """Mark the points `trial`, taken in their order, that keep `distance` [m] from `there` and from each other."""
-    from scipy.spatial import KDTree
-
     accepted = there.keep(trial, distance)
     if len(trial) > 1:
-        first_come(accepted, KDTree(trial).query_pairs(distance, output_type="ndarray"))
+        first_come(accepted, tree(trial, period).query_pairs(distance, output_type="ndarray"))
     return accepted
 
 
-def _apart_turned(grains: Grains, trial: np.ndarray, turns: np.ndarray, there: Placed, q: np.ndarray) -> np.ndarray:
+def _apart_turned(
+    grains: Grains, trial: np.ndarray, turns: np.ndarray, there: Placed, q: np.ndarray, period: float
+) -> np.ndarray:  # fmt: skip
     """Mark grains centred at `trial` as `_apart` does points; orientations are `turns`, and `q` of those in `there`."""
-    from scipy.spatial import KDTree
+
+    def branch(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return nearest_images(first - second, period)
 
     accepted = np.ones(len(trial), bool)
     if len(trial) == 0:
@@ -449,10 +452,10 @@ def _apart_turned(grains: Grains, trial: np.ndarray, turns: np.ndarray, there: P
     distance = grains.diameter * APART
     farthest = 2 * grains.overhang + distance
     i, j = there.near(trial, farthest)
-    accepted[j[overlapping(grains, there.x[i] - trial[j], q[i], turns[j], distance)]] = False
-    pairs = KDTree(trial).query_pairs(farthest, output_type="ndarray")
+    accepted[j[overlapping(grains, branch(there.x[i], trial[j]), q[i], turns[j], distance)]] = False
+    pairs = tree(trial, period).query_pairs(farthest, output_type="ndarray")
     i, j = pairs.T
-    first_come(accepted, pairs[overlapping(grains, trial[i] - trial[j], turns[i], turns[j], distance)])
+    first_come(accepted, pairs[overlapping(grains, branch(trial[i], trial[j]), turns[i], turns[j], distance)])
     return accepted
 
 
@@ -478,7 +481,7 @@ def place_graded(room: Room, rng: np.random.Generator, top: float, reach: np.nda
         Full: Not all find a place.
     """
     x, waiting = np.empty((len(reach), 3)), np.arange(len(reach))
-    placed, there = waiting[:0], Placed(x[:0])
+    placed, there = waiting[:0], Placed(x[:0], room.period)
     for _ in range(_ROUNDS):
         if len(waiting) == 0:
             return x
@@ -514,14 +517,12 @@ def free(
     Returns:
         Indices of the selected grains.
     """
-    from scipy.spatial import KDTree
-
     if not len(trying):
         return trying
     overhang = 0.0 if turned is None else turned[0].overhang
 
     def meet(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        branch, clearance = x[first] - x[second], reach[first] + reach[second]
+        branch, clearance = nearest_images(x[first] - x[second], there.period), reach[first] + reach[second]
         if turned is None:
             return np.linalg.norm(branch, axis=1) < clearance
         grains, q = turned
@@ -531,7 +532,7 @@ def free(
     where = x[trying] if apart is None else np.hstack([x[trying], apart[trying]])
     i, j = there.near(where, farthest + reach.max() + overhang)
     accepted[j[meet(placed[i], trying[j])]] = False
-    pairs = KDTree(where).query_pairs(2 * farthest, output_type="ndarray")
+    pairs = tree(where, there.period).query_pairs(2 * farthest, output_type="ndarray")
     first_come(accepted, pairs[meet(*trying[pairs].T)])
     return trying[accepted]
 

@@ -58,7 +58,9 @@ class Pouring:
         self._radius = Bodies.of(grains, self.every).radius
         self._mean = float(np.mean(mass))
         clear = self._room.clearance
-        sides = [(first - clear, last + clear) for first, last in (self._room.x, self._room.y)]
+        beyond = clear, clear + grains.overhang if self._room.periodic else clear  # grains reach across periodic sides
+        ranges = zip((self._room.x, self._room.y), beyond, strict=True)
+        sides = [(first - away, last + away) for (first, last), away in ranges]
         self._low = np.maximum(stream.low, [*(side[0] for side in sides), -math.inf])
         self._high = np.minimum(stream.high, [*(side[1] for side in sides), math.inf])
         self._near = 2 * grains.reach

@@ -10,6 +10,7 @@ import numpy as np
 
 from labbook.filling.room import Room
 from labbook.scene.orientation import axes, nearest, random_turns
+from labbook.scene.periodic import nearest_images, tree
 from labbook.scene.walls import WallShape
 
 MARGIN = 0.005
@@ -130,7 +131,8 @@ class Crowd:
 
     def _list(self, lid: float) -> None:
         """List near pairs, and ends near walls with their gaps [m] and the normals along which these grow."""
-        i, j = _near(self.x, self._reach + self._half, self._skin)
+        self.x = nearest_images(self.x, self._room.period)
+        i, j = _near(self.x, self._reach + self._half, self._skin, self._room.period)
         if self.a is not None:
             close = self._branches(i, j)[1] < self._reach[i] + self._reach[j] + self._skin
             i, j = i[close], j[close]
@@ -152,7 +154,7 @@ class Crowd:
             Branch vectors [m], shape [m, 3], their lengths [m], and for rods the positions [m] of the nearest points on
             both segments, shape [2, m].
         """
-        branch = _rows(self.x, i) - _rows(self.x, j)
+        branch = nearest_images(_rows(self.x, i) - _rows(self.x, j), self._room.period)
         if self.a is None:
             return branch, _length(branch), None
         places = np.array(nearest(branch, self.a[i], self.a[j], self._half))
@@ -219,28 +221,27 @@ class Crowd:
         return _summed(grains, by, n), _summed(grains, turns, n)
 
 
-def _near(x: np.ndarray, reach: np.ndarray, skin: float) -> tuple[np.ndarray, np.ndarray]:
+def _near(x: np.ndarray, reach: np.ndarray, skin: float, period: float) -> tuple[np.ndarray, np.ndarray]:
     """Find pairs of points x [m], shape [n, 3], closer than the sum of their `reach` [m] and `skin` [m].
 
-    Points of about one size share a tree, so that the largest ones do not set the search radius of small ones.
+    Points of about one size share a tree, so that the largest ones do not set the search radius of small ones. period:
+    distance [m] of periodic sides along y.
     """
-    from scipy.spatial import KDTree
-
     classes, left = [], np.argsort(-reach, kind="stable")
     while len(left):
         first = int(np.searchsorted(-reach[left], -_CLASS * reach[left[0]], "right"))
-        classes.append((left[:first], KDTree(x[left[:first]])))
+        classes.append((left[:first], tree(x[left[:first]], period)))
         left = left[first:]
     pairs = []
-    for k, (larger, tree) in enumerate(classes):
+    for k, (larger, places) in enumerate(classes):
         largest = reach[larger[0]]
-        pairs.append(larger[tree.query_pairs(2 * largest + skin, output_type="ndarray")])
+        pairs.append(larger[places.query_pairs(2 * largest + skin, output_type="ndarray")])
         for smaller, second in classes[k + 1 :]:
-            near = tree.sparse_distance_matrix(second, largest + reach[smaller[0]] + skin, output_type="ndarray")
+            near = places.sparse_distance_matrix(second, largest + reach[smaller[0]] + skin, output_type="ndarray")
             pairs.append(np.column_stack([larger[near["i"]], smaller[near["j"]]]))
     i, j = np.concatenate(pairs).T
     if reach[i].min(initial=np.inf) < reach.max():
-        close = _length(x[i] - x[j]) < reach[i] + reach[j] + skin
+        close = _length(nearest_images(x[i] - x[j], period)) < reach[i] + reach[j] + skin
         i, j = i[close], j[close]
     return i, j
 

@@ -11,10 +11,9 @@ from labbook.scene.geometry import Bounds
 from labbook.scene.walls import Symmetry
 
 _N = TypeVar("_N")
-_COUNTED: dict[tuple[str, float, bool, str, float], Any] = {}
-"""Heights and volumes that a `Room` has counted, by walls, clearance, flatness, name and argument. Counting takes
-longer
-than placing a thousand grains, and every seed of a scene needs the same."""
+_COUNTED: dict[tuple[str, float, float, bool, str, float], Any] = {}
+"""Heights and volumes that a `Room` has counted, by walls, period, clearance, flatness, name and argument. Counting
+takes longer than placing a thousand grains, and every seed of a scene needs the same."""
 
 
 DENSEST = math.pi / math.sqrt(12)
@@ -58,6 +57,8 @@ class Room:
         """
         self.shapes = [wall.shape for wall in closed.walls()]
         self.clearance = clearance
+        self.period = closed.period
+        """Distance [m] of periodic sides along y; infinite without them."""
         strips, frustums = self._plates("planar"), self._plates("axial")
         sheets = self._sheets()
         if strips and frustums:
@@ -74,8 +75,10 @@ class Room:
         else:
             boxes = [box for _, box in limits]
             self.x = self._range(0, [end for box in strips for end in (box.low[0], box.high[0])], boxes, sheets)
-            self.y = self._range(1, [], boxes, sheets)
+            self.y = (-self.period / 2, self.period / 2) if self.periodic else self._range(1, [], boxes, sheets)
         self._size = [r[1] - r[0] + 2 * clearance for r in (self.x, self.y)]
+        if self.periodic:
+            self._size[1] = self.period
         self.flat = flat
         if flat:
             self.y = (0.0, 0.0)
@@ -90,6 +93,11 @@ class Room:
         """Height z [m] above which the section is the same everywhere, as far as walls define it."""
         self.prismatic = max(above) < math.inf
         """True if all walls define it."""
+
+    @property
+    def periodic(self) -> bool:
+        """True if it repeats along y: centres are anywhere between the sides, and grains reach across."""
+        return math.isfinite(self.period)
 
     def _plates(self, symmetry: Symmetry) -> list[Bounds]:
         """Bounding boxes of walls of a symmetry that have ends in the section."""
@@ -157,7 +165,7 @@ class Room:
         lower, upper = np.empty((2, len(clearance), 3))
         lower[:, 0], upper[:, 0] = self.x[0] - nearer, self.x[1] + nearer
         lower[:, 2], upper[:, 2] = self.bottom + self.clearance - nearer if low is None else low, top
-        if self.flat:
+        if self.flat or self.periodic:
             nearer = 0.0
         lower[:, 1], upper[:, 1] = self.y[0] - nearer, self.y[1] + nearer
         return rng.uniform(lower, upper)
@@ -200,7 +208,7 @@ class Room:
         return self._once("height", volume, self._counted_height)
 
     def _once(self, name: str, of: float, count: Callable[[float], _N]) -> _N:
-        key = repr(self.shapes), self.clearance, self.flat, name, of
+        key = repr(self.shapes), self.period, self.clearance, self.flat, name, of
         if key not in _COUNTED:
             _COUNTED[key] = count(of)
         return _COUNTED[key]

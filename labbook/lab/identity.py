@@ -9,6 +9,7 @@ their source (`labbook.lab.formulas`). Records have the versions and hashes with
 still be checked when a law or a wall has changed.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import product
@@ -145,6 +146,7 @@ def scene_identity(scene: Scene, recorded: Versions | None = None) -> dict[str, 
         "outlet_plane": scene.outlet,
         "gravity": scene.gravity,
         # Parts that a scene lacks are left out: scenes from before they existed keep their keys.
+        **({"period": period} if math.isfinite(period := scene.container.period) else {}),  # no wall tells it
         **({} if scene.sink is None else {"sink": scene.sink}),
         **({"planes": [plane.model_dump() for plane in planes]} if (planes := scene.container.planes) else {}),
         **({"zones": [zone.model_dump() for zone in zones]} if (zones := scene.container.zones) else {}),

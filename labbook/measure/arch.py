@@ -13,6 +13,7 @@ from labbook.measure.expected import beats_of, rounded
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
 from labbook.measure.series import crossings, mean_mass
 from labbook.scene import Outlet, Scene
+from labbook.scene.periodic import nearest_images
 from labbook.scene.timescales import gravity_time
 from labbook.stats import Measured
 
@@ -228,15 +229,17 @@ class ChainPlane:
         along: Horizontal unit vector in the plane, (x, y).
         centre: A point of the plane in the middle of the outlet (x, y) [m].
         reach: Largest distance of grains from it [m].
+        period: Distance of periodic sides along y [m]; infinite without them.
     """
 
     along: tuple[float, float]
     centre: tuple[float, float]
     reach: float = math.inf
+    period: float = math.inf
 
     def side(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coordinate along the plane and distance from it [m] of places x, shape [n, 3]."""
-        (a, b), dx, dy = self.along, x[:, 0] - self.centre[0], x[:, 1] - self.centre[1]
+        (a, b), (dx, dy) = self.along, nearest_images(x[:, :2] - self.centre, self.period).T
         return dx * a + dy * b, np.abs(dy * a - dx * b)
 
 
@@ -254,7 +257,8 @@ def planes_of(scene: Scene) -> list[ChainPlane]:
         return [ChainPlane((1.0, 0.0), (outlet.centre, 0.0))]
     count = math.ceil(depth / (_APART * d) - 1e-9)
     at = depth * ((np.arange(count) + 0.5) / count - 0.5)
-    return [ChainPlane((1.0, 0.0), (outlet.centre, y), _APART * d) for y in at.tolist()]
+    period = scene.container.period
+    return [ChainPlane((1.0, 0.0), (outlet.centre, y), _APART * d, period) for y in at.tolist()]
 
 
 def _between_grains(

@@ -34,15 +34,18 @@ _DENSER = 1.1
 """Height of a level bed with the packing fraction PACKED over that of the lowest columns of a dense bed, at most."""
 
 
-def packing_fraction(packing: Packing, grains: Grains, region: Region | Annulus) -> float:
+def packing_fraction(
+    packing: Packing, grains: Grains, region: Region | Annulus, period: float = math.inf
+) -> float:  # fmt: skip
     """Compute the volume of grains within a region over its volume; grains that its faces cut count in part.
 
     Args:
         packing: The packing.
         grains: Grains of the scene.
         region: The region.
+        period: Distance of periodic sides along y [m]; infinite without them.
     """
-    return region.filled(Outlines.of(packing, grains)) / region.volume
+    return region.filled(Outlines.of(packing, grains, period)) / region.volume
 
 
 def area_fraction(packing: Packing, diameter: float, region: Region) -> float:
@@ -122,7 +125,7 @@ class PackingStructure(Measure):
         if region.smaller_than(least_extent(scene.grains)):
             return self._too_small(scene, where)
         cells = region.cells(_CELLS)
-        fractions = np.array([packing_fraction(packing, scene.grains, cell) for cell in cells])
+        fractions = np.array([packing_fraction(packing, scene.grains, cell, scene.container.period) for cell in cells])
         numbers = [_of_cells("packing_fraction", fractions, where, "volume of grains clipped to the bulk")]
         if isinstance(region, Region) and _layer(scene):
             parts = region.cells(_CELLS)

@@ -1,7 +1,7 @@
 """The bulk of a packing: away from side walls, bottom and free surface, which all disturb it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from labbook.measure.measure import MeasureError
 from labbook.scene import Clumps, Grains, Scene, Spherocylinders
 from labbook.scene.hulls import sphere_centres, upper_reach
 from labbook.scene.packing import Packing
+from labbook.scene.periodic import nearest_images, with_images
 
 MARGIN = 3.0
 """Grain diameters between the bulk and walls or surface; at least the length of a grain."""
@@ -41,8 +42,8 @@ class Outlines:
     part: float = 1.0
 
     @classmethod
-    def of(cls, packing: Packing, grains: Grains) -> "Outlines":
-        """Take the outlines of the grains of a packing.
+    def of(cls, packing: Packing, grains: Grains, period: float = math.inf) -> "Outlines":
+        """Take the outlines of the grains of a packing, with images of those that reach across periodic sides.
 
         Clumps are their spheres, of which each counts by the same part of its volume, so that they add up to the union.
         So a clump that a face cuts counts too much or too little. Over all its places the mean is right.
@@ -50,7 +51,12 @@ class Outlines:
         Args:
             packing: The packing.
             grains: Grains of the scene.
+            period: Distance of periodic sides along y [m]; infinite without them.
         """
+        return cls._in_box(packing, grains)._with_images(period)
+
+    @classmethod
+    def _in_box(cls, packing: Packing, grains: Grains) -> "Outlines":
         q = packing.q
         if isinstance(grains, Clumps) and q is not None:
             radii = [sphere.radius for sphere in grains.spheres]
@@ -59,6 +65,12 @@ class Outlines:
         if isinstance(grains, Spherocylinders) and q is not None and not grains.round:
             return cls(packing.x, grains.radius, axes(q), grains.half_length)
         return cls(packing.x, grains.radius if packing.diameter is None else packing.diameter / 2)
+
+    def _with_images(self, period: float) -> "Outlines":
+        if math.isinf(period):
+            return self
+        x, rows = with_images(nearest_images(self.x, period), period, self.reach)
+        return replace(self.only(rows), x=x)
 
     @property
     def reach(self) -> float:
@@ -72,7 +84,7 @@ class Outlines:
         return self.part * (math.pi * r**2 * 2 * self.half_length + 4 / 3 * math.pi * r**3)
 
     def only(self, mask: np.ndarray) -> "Outlines":
-        """Select grains by a mask, shape [n]."""
+        """Select grains by a mask, shape [n], or by their indices."""
         radius = self.radius[mask] if isinstance(self.radius, np.ndarray) else self.radius
         axis = None if self.axis is None else self.axis[mask]
         return Outlines(self.x[mask], radius, axis, self.half_length, self.part)
@@ -215,8 +227,8 @@ def bulk(scene: Scene, packing: Packing) -> Region | Annulus:
 
     It is 3 d (for rods at least their length) from the side walls, above the highest point of the bottom and below the
     surface. The surface is the lowest of the heights of columns 3 d wide. Between front and back walls less than 2 d
-    apart it is as thick as the container; otherwise it keeps its distance from them as well. In a round silo it is a
-    cylinder about the axis.
+    apart, and between periodic sides, it is as thick as the container. Otherwise it keeps its distance from front and
+    back as well. In a round silo it is a cylinder about the axis.
 
     Raises:
         MeasureError: The bulk of this kind of container is not known.
@@ -236,7 +248,8 @@ def bulk_below(scene: Scene, surface: float) -> Region | Annulus:
     if within.round:
         return Annulus(0.0, within.width / 2 - margin, low, top)
     x = within.width / 2 - margin
-    y = within.depth / 2 if within.planar else within.depth / 2 - margin
+    open_to_sides = within.planar or math.isfinite(scene.container.period)
+    y = within.depth / 2 if open_to_sides else within.depth / 2 - margin
     return Region((-x, -y, low), (x, y, top), within.planar)
 
 

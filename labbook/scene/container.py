@@ -11,6 +11,7 @@ from labbook.scene.container_shape import CACHE_SIZE, ContainerShape, Outlet, Pa
 from labbook.scene.geometry import Bounds, Segment
 from labbook.scene.lids import depth_between, opening
 from labbook.scene.model import InternalFlag
+from labbook.scene.periodic import PeriodicSides
 from labbook.scene.quantities import Coordinate, Length
 from labbook.scene.round_silos import ConicalSilo, CylinderSilo
 from labbook.scene.walls import Wall, WallShape
@@ -36,6 +37,8 @@ class Box(ContainerShape):
     """Inner size along z."""
     lid: StrictBool = False
     """A plane closes the top."""
+    periodic: PeriodicSides = None
+    """`y`: it repeats along y, without a front and a back wall."""
     closed: InternalFlag = False
     parts: Parts = ()
     """Walls that are listed one by one, beside those that the kind has of itself."""
@@ -96,7 +99,7 @@ class Box(ContainerShape):
 
     @lru_cache(maxsize=CACHE_SIZE)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
-        """Planes left, right, front, back, bottom and, with a lid, top."""
+        """Planes left, right, bottom, unless it is periodic front and back, and with a lid top."""
         w, d = self.width / 2, self.depth / 2
         sides = {
             "left": ((-w, 0.0, 0.0), (1.0, 0.0, 0.0)),
@@ -105,6 +108,8 @@ class Box(ContainerShape):
             "back": ((0.0, d, 0.0), (0.0, -1.0, 0.0)),
             "bottom": ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
         }
+        if self.periodic:
+            del sides["front"], sides["back"]
         if self.lid:
             sides["top"] = ((0.0, 0.0, self.height), (0.0, 0.0, -1.0))
         return self._with_parts(tuple(plane_wall(name, point, normal) for name, (point, normal) in sides.items()))

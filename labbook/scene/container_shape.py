@@ -322,8 +322,13 @@ class ContainerShape(Model, ABC):
 
     @property
     def front_to_back(self) -> float:
-        """Distance between a front and a back wall [m]; infinite without these."""
+        """Distance between a front and a back wall, or between periodic sides [m]; infinite without these."""
         return math.inf
+
+    @property
+    def period(self) -> float:
+        """Distance between periodic sides along y [m] (`labbook.scene.periodic`); infinite without them."""
+        return self.front_to_back if getattr(self, "periodic", None) else math.inf
 
     @property
     def area(self) -> float | None:

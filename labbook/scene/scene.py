@@ -7,6 +7,7 @@ from typing import Annotated, TypeVar
 
 from pydantic import Field, model_validator
 
+from labbook.scene import periodic
 from labbook.scene.contact import AnyLaw, ContactLaw, useless
 from labbook.scene.container import Container
 from labbook.scene.drawing import describe, svg
@@ -74,6 +75,7 @@ class Scene(Model):
                     reason = f"the wall {wall.name} is a {wall.shape.kind}, which has no contacts with rods"
                     yield Fault(key, reason, "use spheres, or leave it out")
                     break
+        yield from periodic.faults(c, self.grains)
         for part in c.parts:
             if isinstance(part.shape, TriangleMesh):
                 yield from self._faults_of_size(part.name, max(part.shape.bounds.size) / d)

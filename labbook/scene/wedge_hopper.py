@@ -11,6 +11,7 @@ from pydantic import model_validator
 from labbook.scene.container_shape import CACHE_SIZE, FLAT, ContainerShape, Outlet, Parts, plane_wall, strip_wall
 from labbook.scene.geometry import Bounds
 from labbook.scene.model import Fault, InternalFlag, refuse
+from labbook.scene.periodic import PeriodicSides
 from labbook.scene.quantities import Angle, Distance, Length, format_distinct
 from labbook.scene.thick_plate import OptionalLip
 from labbook.scene.walls import AT_REST, Strip, Symmetry, Wall
@@ -46,7 +47,7 @@ class WedgeHopper(ContainerShape):
     height: Length
     """Height H of the side walls above the outlet; grains may start above it."""
     thickness: Length
-    """Distance Z between the front and the back wall."""
+    """Distance Z between the front and the back wall, or between periodic sides."""
     angle: Angle = math.pi / 2
     """Angle α of the bottom from the vertical, 1 to 90 deg: 90 deg is flat, 15 deg a steep funnel."""
     orifice: Length
@@ -55,6 +56,8 @@ class WedgeHopper(ContainerShape):
     """Rounded or thick edges of the outlet; none: the bottom plates are thin."""
     gap: Distance | None = None
     """Gap s from the left side wall to the near edge of the outlet, at most (L - D)/2; none: centred."""
+    periodic: PeriodicSides = None
+    """`y`: it repeats along y, without a front and a back wall; its thickness is the period."""
     closed: InternalFlag = False
     parts: Parts = ()
     """Walls that are listed one by one, beside those that the kind has of itself."""
@@ -215,12 +218,15 @@ class WedgeHopper(ContainerShape):
 
     @lru_cache(maxsize=CACHE_SIZE)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
-        """Planes front and back, strips left, right and of the bottom (closed: with the lid)."""
+        """Planes front and back unless it is periodic, strips left, right and of the bottom (closed: with the lid)."""
         half, depth = self.width / 2, self.thickness / 2
         (left, right), (rise_left, rise_right), top = self.outlet, self._rises, self.top
-        walls = [
+        faces = [
             plane_wall("front", (0.0, -depth, 0.0), (0.0, 1.0, 0.0)),
             plane_wall("back", (0.0, depth, 0.0), (0.0, -1.0, 0.0)),
+        ]
+        walls = [
+            *([] if self.periodic else faces),
             strip_wall("left", (-half, rise_left), (-half, top)),
             strip_wall("right", (half, rise_right), (half, top)),
         ]

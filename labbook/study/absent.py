@@ -33,6 +33,9 @@ _INFLOW = "new grains enter by the stream of the filling, and grains that have l
 _FEED = f"use fill: {{kind: stream, until: 1 s, {_STREAM}, which goes on after the opening, or feed: {{kind: rate}}"
 _OWN_WALLS = "use container: {kind: primitives, parts: [...]} with planes, strips, frustums and meshes as walls"
 
+_PERIODIC = "a wedge-hopper and a box may repeat along y, and nothing else does"
+_SIDES = "state periodic: y in such a container, in place of its front and back wall"
+
 TABLE = (
     Absent(
         "container container.kind container.parts[] walls.*",
@@ -80,13 +83,8 @@ TABLE = (
         "there is no gate: the outlet is closed while the container is filled, and opens when the bed is at rest",
         "leave it out; a part of kind mesh opens at a time (opens: 0.2 s) or moves (moves)",
     ),
-    Absent(
-        ". container",
-        "periodic boundary boundaries boundaryconditions pbc",
-        "grains that leave on one side do not enter on the other",
-        "there are no periodic boundaries: give the container walls, and make it wide; walls: {front: {friction: 0}, "
-        "back: {friction: 0}} disturb least",
-    ),
+    Absent(".", "periodic", _PERIODIC, _SIDES),
+    Absent(". container", "boundary boundaries boundaryconditions pbc periodicity", _PERIODIC, _SIDES),
     Absent(
         "reference reference.* reference.*[]",
         "csv file path data table url dat txt excel",

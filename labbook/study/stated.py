@@ -22,15 +22,16 @@ Swept = TypedDict("Swept", {
     "container.kind": object, "container.sink": object, "container.width": object, "container.height": object,
     "container.thickness": object, "container.angle": object, "container.orifice": object,
     "container.lip.radius": object, "container.lip.thickness": object, "container.gap": object,
-    "container.diameter": object, "container.rotation": object, "container.depth": object, "container.lid": object,
-    "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
-    "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
-    "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
-    "feed.stream.rate": object, "feed.stream.every": object, "restart.kind": object, "restart.wait": object,
-    "fill.kind": object, "fill.stream.rate": object, "fill.stream.every": object, "fill.until": object,
-    "fill.friction": object, "fill.contact.law": object, "fill.contact.friction": object,
-    "fill.contact.rolling_friction": object, "fill.contact.restitution": object, "fill.contact.damping": object,
-    "fill.contact.rolling": object, "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
+    "container.periodic": object, "container.diameter": object, "container.rotation": object,
+    "container.depth": object, "container.lid": object, "container.outlet_plane": object,
+    "walls.all.friction": object, "walls.all.rolling_friction": object, "walls.all.restitution": object,
+    "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object, "walls.all.poisson_ratio": object,
+    "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object, "feed.stream.rate": object,
+    "feed.stream.every": object, "restart.kind": object, "restart.wait": object, "fill.kind": object,
+    "fill.stream.rate": object, "fill.stream.every": object, "fill.until": object, "fill.friction": object,
+    "fill.contact.law": object, "fill.contact.friction": object, "fill.contact.rolling_friction": object,
+    "fill.contact.restitution": object, "fill.contact.damping": object, "fill.contact.rolling": object,
+    "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
     "fill.contact.rolling_damping": object, "fill.contact.shear_modulus": object,
     "fill.contact.poisson_ratio": object, "fill.contact.tangential_damping": object,
     "fill.contact.normal_damping": object, "fill.contact.youngs_modulus": object, "fill.contact.tension": object,
@@ -71,18 +72,19 @@ Changed = TypedDict("Changed", {
     "container.kind": object, "container.sink": object, "container.width": object, "container.height": object,
     "container.thickness": object, "container.angle": object, "container.orifice": object,
     "container.lip.radius": object, "container.lip.thickness": object, "container.gap": object,
-    "container.diameter": object, "container.rotation": object, "container.depth": object, "container.lid": object,
-    "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
-    "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
-    "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
-    "feed.stream.rate": object, "feed.stream.low": object, "feed.stream.high": object,
-    "feed.stream.velocity": object, "feed.stream.every": object, "feed.stream.layers": object,
-    "restart.kind": object, "restart.wait": object, "fill.kind": object, "fill.file": object, "fill.shift": object,
-    "fill.stream.rate": object, "fill.stream.low": object, "fill.stream.high": object,
-    "fill.stream.velocity": object, "fill.stream.every": object, "fill.stream.layers": object, "fill.until": object,
-    "fill.friction": object, "fill.contact.law": object, "fill.contact.friction": object,
-    "fill.contact.rolling_friction": object, "fill.contact.restitution": object, "fill.contact.damping": object,
-    "fill.contact.rolling": object, "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
+    "container.periodic": object, "container.diameter": object, "container.rotation": object,
+    "container.depth": object, "container.lid": object, "container.outlet_plane": object,
+    "walls.all.friction": object, "walls.all.rolling_friction": object, "walls.all.restitution": object,
+    "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object, "walls.all.poisson_ratio": object,
+    "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object, "feed.stream.rate": object,
+    "feed.stream.low": object, "feed.stream.high": object, "feed.stream.velocity": object,
+    "feed.stream.every": object, "feed.stream.layers": object, "restart.kind": object, "restart.wait": object,
+    "fill.kind": object, "fill.file": object, "fill.shift": object, "fill.stream.rate": object,
+    "fill.stream.low": object, "fill.stream.high": object, "fill.stream.velocity": object,
+    "fill.stream.every": object, "fill.stream.layers": object, "fill.until": object, "fill.friction": object,
+    "fill.contact.law": object, "fill.contact.friction": object, "fill.contact.rolling_friction": object,
+    "fill.contact.restitution": object, "fill.contact.damping": object, "fill.contact.rolling": object,
+    "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
     "fill.contact.rolling_damping": object, "fill.contact.shear_modulus": object,
     "fill.contact.poisson_ratio": object, "fill.contact.tangential_damping": object,
     "fill.contact.normal_damping": object, "fill.contact.youngs_modulus": object, "fill.contact.tension": object,
@@ -111,9 +113,9 @@ Changed = TypedDict("Changed", {
     "sweep.contact.impact_speed": object, "sweep.container.kind": object, "sweep.container.sink": object,
     "sweep.container.width": object, "sweep.container.height": object, "sweep.container.thickness": object,
     "sweep.container.angle": object, "sweep.container.orifice": object, "sweep.container.lip.radius": object,
-    "sweep.container.lip.thickness": object, "sweep.container.gap": object, "sweep.container.diameter": object,
-    "sweep.container.rotation": object, "sweep.container.depth": object, "sweep.container.lid": object,
-    "sweep.container.outlet_plane": object, "sweep.walls.all.friction": object,
+    "sweep.container.lip.thickness": object, "sweep.container.gap": object, "sweep.container.periodic": object,
+    "sweep.container.diameter": object, "sweep.container.rotation": object, "sweep.container.depth": object,
+    "sweep.container.lid": object, "sweep.container.outlet_plane": object, "sweep.walls.all.friction": object,
     "sweep.walls.all.rolling_friction": object, "sweep.walls.all.restitution": object,
     "sweep.walls.all.youngs_modulus": object, "sweep.walls.all.shear_modulus": object,
     "sweep.walls.all.poisson_ratio": object, "sweep.walls.all.normal_stiffness": object, "sweep.gravity": object,
@@ -552,7 +554,7 @@ class ContainerKeys(TypedDict, total=False):
 
     kind: box: Inner size along z [m]. Range: above 0."""
     thickness: object
-    """Distance Z between the front and the back wall [m]. Range: above 0."""
+    """Distance Z between the front and the back wall, or between periodic sides [m]. Range: above 0."""
     angle: object
     """kind: wedge-hopper: Angle α of the bottom from the vertical, 1 to 90 deg: 90 deg is flat, 15 deg a steep
     funnel [rad].
@@ -567,6 +569,10 @@ class ContainerKeys(TypedDict, total=False):
     gap: object
     """Gap s from the left side wall to the near edge of the outlet, at most (L - D)/2; none: centred [m]. Range: of
     at least 0."""
+    periodic: Literal["y"] | object
+    """kind: wedge-hopper: `y`: it repeats along y, without a front and a back wall; its thickness is the period.
+
+    kind: box: `y`: it repeats along y, without a front and a back wall."""
     diameter: object
     """Inner diameter D_c of the cylinder [m]. Range: above 0."""
     rotation: object
@@ -811,8 +817,8 @@ KEYS = """\
         tension, normal_stiffness [N/m], tangential_stiffness, contact_time [s], largest_overlap [m], impact_speed
         [m/s]
     contact.between[]: friction, rolling_friction, restitution, kinds, normal_stiffness [N/m]
-    container: kind, sink [m], width [m], height [m], thickness [m], angle [rad], orifice [m], gap [m], diameter
-        [m], rotation [Hz], depth [m], lid, outlet_plane [m]
+    container: kind, sink [m], width [m], height [m], thickness [m], angle [rad], orifice [m], gap [m], periodic,
+        diameter [m], rotation [Hz], depth [m], lid, outlet_plane [m]
     container.planes[]: name, z [m]
     container.zones[]: name, low [m], high [m]
     container.lip: radius [m], thickness [m]

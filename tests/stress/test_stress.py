@@ -18,10 +18,10 @@ from labbook.cli import build
 
 IN_ONE = {
     *("pyramid", "edges", "wall-sums", "time-step", "stiffness", "incline", "units", "size-ratio"),
-    *("rods-stacked", "powers", "meshes", "moving-parts"),
+    *("rods-stacked", "powers", "meshes", "moving-parts", "periodic-sides"),
 }
 """Cases that take long, or kernels of their own: a backend takes them in its first precision only."""
-OF_ITS_OWN = {"pyramid", "size-ratio", "powers", "meshes", "moving-parts"}
+OF_ITS_OWN = {"pyramid", "size-ratio", "powers", "meshes", "moving-parts", "periodic-sides"}
 """Cases whose kernels, which no other case shares, take ten seconds and more to compile: in the ring. The contract and
 `labbook verify` have rolling springs, mixtures and powers too."""
 

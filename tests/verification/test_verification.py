@@ -6,7 +6,7 @@ import pytest
 from stands import Bundled, specialised, stands, where
 
 from labbook.backend import Unsupported
-from labbook.checks.verify import clumps, mesh, mesh_rods, moving
+from labbook.checks.verify import clumps, mesh, mesh_rods, moving, periodic
 from labbook.checks.verify.case import Case, Criterion, judge
 from labbook.checks.verify.cases import CASES, select_cases
 from labbook.checks.verify.materials import EVERY_LAW
@@ -33,7 +33,7 @@ IN_ONE = {
     "edge-roll-off",
     "rim-roll-off",
     "edge-without-slip",
-    *(case.name for case in (*mesh.CASES, *mesh_rods.CASES, *moving.CASES)),
+    *(case.name for case in (*mesh.CASES, *mesh_rods.CASES, *moving.CASES, *periodic.CASES)),
     "rolling-round-a-cylinder",
     "rod-landing",
     "rod-over-rim",
@@ -86,6 +86,8 @@ LONG = {
     *("moving-turntable", "moving-balance"),
     # kernels of rods at meshes are compiled for these only; test_dem_mesh_rods has their contacts
     *(case.name for case in mesh_rods.CASES),
+    # and those of rods between periodic sides; the other cases have spheres there
+    "periodic-rods",
 }
 """Cases that take twenty seconds and more anywhere on a processor, with kernels of their own or many steps."""
 BY_THE_REFERENCE = {
@@ -97,7 +99,7 @@ BY_THE_REFERENCE = {
     *("unlike-stack-hertz-mindlin", "unlike-stack-linear"),
     *("unlike-materials-hertz-mindlin", "unlike-materials-linear"),
     *("unlike-materials-oblique-hertz-mindlin", "unlike-materials-oblique-linear"),
-    *(case.name for case in clumps.CASES),
+    *(case.name for case in (*clumps.CASES, *periodic.CASES)),
 }
 """Cases that plain Python takes in seconds. In others the reference stands beside the backends: test_reference_rods,
 test_reference_spheres, and the whole contract."""

@@ -1,7 +1,8 @@
 """Motion of grains by one step; their rotation is in `spheres` and `rods`."""
 
+from labbook_dem.images import nearest
 from labbook_dem.motion import drift, kick, predict
-from labbook_dem.words import VARIED, wide
+from labbook_dem.words import PERIODIC, VARIED, wide
 
 from labbook_numba.kernels.features import FIRST, GRAIN, LAST, LOAD, OUTLET, F, T, U, V, X, kernel, uint64
 from labbook_numba.kernels.shape import turn_grain
@@ -35,6 +36,8 @@ def move(st: State, p: Params, kick_dt, dt):
         v = kick(row_at(g, at + V), a, kick_dt)
         put_row(g, at + V, v)
         put_row(g, at + X, drift(row_at(g, at + X), v, dt))
+        if PERIODIC:
+            g[i, X + 1] = nearest(g[i, X + 1], p.period)
         # the normal dashpot takes velocities at the time of the positions
         put_row(g, at + U, predict(v, a, dt))
         turn_acc = row_at(loads, load + T) * inverse_inertia

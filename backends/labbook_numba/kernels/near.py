@@ -2,7 +2,7 @@
 
 from labbook_dem.words import wide
 
-from labbook_numba.kernels.cells import fill_cells
+from labbook_numba.kernels.cells import end_along_y, fill_cells, first_along_y, wrapped
 from labbook_numba.kernels.features import GRAINS, MESH_NUMBER, MESHES, PAD, kernel
 from labbook_numba.kernels.mesh_walls import near_mesh
 from labbook_numba.kernels.shape import near_grain, near_wall
@@ -14,17 +14,17 @@ def near_pairs(st: State, p: Params, pair_i, pair_j, cell, head, next_grain):
     """List the pairs i < j of grains whose surfaces are closer than a skin, in ascending order; return their number."""
     grains, body, n = st.grains, st.body, st.count[GRAINS]
     reach = wide(2.0) * p.radius + p.skin
-    nx, ny, nz = fill_cells(grains, n, reach + wide(2.0) * p.half, cell, head, next_grain)
+    nx, ny, nz = fill_cells(grains, n, reach + wide(2.0) * p.half, cell, head, next_grain, p.period)
     capacity = len(pair_j) - PAD
     count = 0
     for i in range(n):
         start = count
         for a in range(max(cell[i, 0] - 1, 0), min(cell[i, 0] + 2, nx)):
-            for b in range(max(cell[i, 1] - 1, 0), min(cell[i, 1] + 2, ny)):
+            for b in range(first_along_y(cell[i, 1], ny), end_along_y(cell[i, 1], ny)):
                 for c in range(max(cell[i, 2] - 1, 0), min(cell[i, 2] + 2, nz)):
-                    j = head[(a * ny + b) * nz + c]
+                    j = head[(a * ny + wrapped(b, ny)) * nz + c]
                     while j > i:  # the list of a cell descends: the rest are pairs with i second
-                        if near_grain(grains, body, i, j, reach, p.half, p.skin):
+                        if near_grain(grains, body, i, j, reach, p.half, p.skin, p.period):
                             # beyond the capacity pairs are only counted, for the size of the next attempt
                             if count < capacity:
                                 k = count

@@ -78,7 +78,9 @@ def listed_forces(st: State, p: Params, pair_i, pair_j, valid, spring, first, en
     # `sphere_walls` repeats the last lines of the loop
     for k in range(uint64(first), last, BLOCK):
         end = min(k + BLOCK, last)
-        count = pack_pairs(st.grains, st.body, st.near, pair_i, pair_j, valid, b, i, j, slot, k, end, p.half, reach2)
+        count = pack_pairs(
+            st.grains, st.body, st.near, pair_i, pair_j, valid, b, i, j, slot, k, end, p.half, reach2, p.period
+        )
         fill_up(i, j, slot, count, ghost, spare)
         gather_pairs(st.grains, i, j, b, count)
         if FRICTION:

@@ -8,7 +8,8 @@ from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import reals
 from labbook_numba.kernels.bodies import rolling_inertia
-from labbook_numba.kernels.features import MESH_NUMBER, MESHES, WALL_PARTS, A, M, P, T, U, V, W, X
+from labbook_numba.kernels.branches import branch_between
+from labbook_numba.kernels.features import MESH_NUMBER, MESHES, WALL_PARTS, A, M, P, T, U, V, W
 from labbook_numba.kernels.rod_walls import heritage, measure_rod_at, wall_contact
 from labbook_numba.kernels.transfer import advance_of, load, spring_of, write_row
 from labbook_numba.state import Params, State
@@ -21,7 +22,7 @@ def pair_now(st: State, p: Params, i, j, k, dt):
     rate = rolling_rate(rolling_inertia(p.inertia, p.slender), dt)
     diameter = wide(2.0) * p.radius
     g = st.grains
-    branch = load(g, i, X) - load(g, j, X)
+    branch = branch_between(g, i, j, p.period)
     a = load(g, i, A)
     b = load(g, j, A)
     s, t, r = closest(branch, a, b, p.half)

@@ -8,7 +8,8 @@ from labbook_dem.segments import closest
 from labbook_dem.words import dot, func, wide, wide3
 
 from labbook_numba.kernels.blocks import AX, BX, DEPTH, DT, IX, JX, NX, OX, PX, SX, UX, VX, vector_at, whole
-from labbook_numba.kernels.features import GRAIN, STRIDE, A, X, kernel, uint64
+from labbook_numba.kernels.branches import eight_branches
+from labbook_numba.kernels.features import GRAIN, STRIDE, A, kernel, uint64
 from labbook_numba.kernels.transfer import eights_at, put_vectors, squeeze_entries, squeeze_vectors
 from labbook_numba.lanes import eight_at
 from labbook_numba.rows import columns, rows_at
@@ -21,12 +22,12 @@ from labbook_numba.state import RODS as LAYOUT
 
 
 @kernel
-def gather_rods(grains, pair_i, pair_j, near, first, count):
+def gather_rods(grains, pair_i, pair_j, near, first, count, period):
     """Copy branches between centres and axes of the listed pairs first..first + count into columns, padded by
     ghosts."""
     for t in range(uint64(0), count, uint64(8)):
         k = first + t
-        x, y, z, _ = columns(rows_at(grains, pair_i, k, GRAIN, X) - rows_at(grains, pair_j, k, GRAIN, X))
+        x, y, z = eight_branches(grains, pair_i, pair_j, k, period)
         put_vectors(near, CX + t, x, y, z)
         x, y, z, _ = columns(rows_at(grains, pair_i, k, GRAIN, A))
         put_vectors(near, KX + t, x, y, z)
@@ -56,14 +57,16 @@ def closest_points(b, count, half, reach2):
 
 
 @kernel
-def pack_pairs(grains, body, near, pair_i, pair_j, has_spring, b, block_i, block_j, slot, first, last, half, reach2):
+def pack_pairs(
+    grains, body, near, pair_i, pair_j, has_spring, b, block_i, block_j, slot, first, last, half, reach2, period
+):
     """Copy the touching ones of the listed pairs first..last into the block; return their number.
 
     Branches between closest points, overlap2 (diameter^2 - r^2) and levers go to columns, grains to `block_i` and
     `block_j`, list entries to `slot`.
     """
     near_count = last - first
-    gather_rods(grains, pair_i, pair_j, near, first, near_count)
+    gather_rods(grains, pair_i, pair_j, near, first, near_count, period)
     closest_points(near, near_count, half, reach2)
     count = uint64(0)
     for t in range(uint64(0), near_count, uint64(8)):

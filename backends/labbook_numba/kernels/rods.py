@@ -6,6 +6,7 @@ from labbook_dem.rotation import axis, spin, turn
 from labbook_dem.segments import closest
 from labbook_dem.words import dot, func, sqrt, wide, wide3
 
+from labbook_numba.kernels.branches import branch_between
 from labbook_numba.kernels.features import GRAIN, GRAINS, PLATE_PARTS, A, F, M, P, Q, T, V, W, X, kernel, uint64
 from labbook_numba.kernels.surfaces import wall_numbers
 from labbook_numba.kernels.transfer import load
@@ -14,10 +15,10 @@ from labbook_numba.state import Params, State
 
 
 @func
-def near_grain(grains, body, i, j, reach, half, skin):
+def near_grain(grains, body, i, j, reach, half, skin, period):
     """True if the segments of two rods are closer than `reach` [m], a diameter and a skin."""
     centre_limit = reach + wide(2.0) * half  # centres further apart cannot be near
-    branch = load(grains, i, X) - load(grains, j, X)
+    branch = branch_between(grains, i, j, period)
     near = dot(branch, branch) < centre_limit * centre_limit
     if near:
         _, _, closest_branch = closest(branch, load(grains, i, A), load(grains, j, A), half)

@@ -11,7 +11,7 @@ from labbook_numba.state import Params, State
 _OF_SHAPE = "each shape of grains has its own; see labbook_numba.shapes"
 
 
-def near_grain(grains, body, i, j, reach, half, skin) -> bool:
+def near_grain(grains, body, i, j, reach, half, skin, period) -> bool:
     """True if the surfaces of grains i and j are closer than a skin [m]; reach: largest diameter plus skin."""
     raise NotImplementedError(_OF_SHAPE)
 
@@ -35,7 +35,7 @@ def contact_work(st: State, p: Params, kick_dt) -> Any:
 
 
 def pack_pairs(
-    grains, body, near, pair_i, pair_j, has_spring, b, block_i, block_j, slot, first, last, half, reach2
+    grains, body, near, pair_i, pair_j, has_spring, b, block_i, block_j, slot, first, last, half, reach2, period
 ) -> Any:  # fmt: skip
     """Copy the touching ones of the listed pairs first..last into the block; return their number.
 

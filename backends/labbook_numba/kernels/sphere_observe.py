@@ -7,6 +7,7 @@ from labbook_dem.words import dot, func, narrow, real, sqrt, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import reals, row_of
 from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
+from labbook_numba.kernels.branches import branch_between
 from labbook_numba.kernels.features import KINDS, MESH_NUMBER, MESHES, MOVING, WALL_PARTS, T, U, V, W, X, int64
 from labbook_numba.kernels.mesh_walls import mesh_now
 from labbook_numba.kernels.surfaces import wall_numbers, wall_velocity
@@ -18,7 +19,7 @@ from labbook_numba.state import Params, State
 def pair_now(st: State, p: Params, i, j, k, dt):
     """Contact of listed pair k now: True if it touches, force on i [N], and branch from i to j [m]."""
     zero = real(0.0)
-    branch = load(st.grains, i, X) - load(st.grains, j, X)
+    branch = branch_between(st.grains, i, j, p.period)
     ri, rj = radius_of(st.body, i, p.radius), radius_of(st.body, j, p.radius)
     mi, mj = mass_of(st.body, i, p.mass), mass_of(st.body, j, p.mass)
     overlap2 = (ri + rj) * (ri + rj) - dot(branch, branch)

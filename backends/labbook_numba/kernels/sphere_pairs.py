@@ -25,14 +25,16 @@ from labbook_numba.kernels.blocks import (
     vector_at,
 )
 from labbook_numba.kernels.bodies import eight_reaches
-from labbook_numba.kernels.features import GRAIN, X, kernel, uint64
+from labbook_numba.kernels.branches import eight_branches
+from labbook_numba.kernels.features import kernel, uint64
 from labbook_numba.kernels.transfer import squeeze_entries, squeeze_vectors
-from labbook_numba.rows import columns, rows_at
 from labbook_numba.squeeze import both, first_of, how_many, positive, squeeze_numbers
 
 
 @kernel
-def pack_pairs(grains, body, near, pair_i, pair_j, has_spring, b, block_i, block_j, slot, first, last, half, reach2):
+def pack_pairs(
+    grains, body, near, pair_i, pair_j, has_spring, b, block_i, block_j, slot, first, last, half, reach2, period
+):
     """Copy the touching ones of the listed pairs first..last into the block; return their number.
 
     Branch and overlap2 ((r_i + r_j)^2 - r^2) go to columns, grains to `block_i` and `block_j`, list entries to `slot`.
@@ -40,7 +42,7 @@ def pack_pairs(grains, body, near, pair_i, pair_j, has_spring, b, block_i, block
     """
     count = uint64(0)
     for k in range(first, last, uint64(8)):
-        x, y, z, _ = columns(rows_at(grains, pair_i, k, GRAIN, X) - rows_at(grains, pair_j, k, GRAIN, X))
+        x, y, z = eight_branches(grains, pair_i, pair_j, k, period)
         overlap2 = eight_reaches(body, pair_i, pair_j, k, reach2) - (x * x + y * y + z * z)
         in_list = first_of(last - k)
         # squares are compared: most listed pairs do not touch, and need no square root

@@ -5,6 +5,7 @@ from labbook_dem.motion import kick
 from labbook_dem.words import VARIED, dot, func, wide
 
 from labbook_numba.kernels.bodies import inertia_of, mass_of, radius_of
+from labbook_numba.kernels.branches import branch_between
 from labbook_numba.kernels.features import FIRST, GRAIN, LAST, F, T, V, W, X, kernel, uint64
 from labbook_numba.kernels.surfaces import wall_numbers
 from labbook_numba.kernels.transfer import load
@@ -13,9 +14,9 @@ from labbook_numba.state import Params, State
 
 
 @func
-def near_grain(grains, body, i, j, reach, half, skin):
+def near_grain(grains, body, i, j, reach, half, skin, period):
     """True if two spheres are closer than their radii and a skin; reach: that of the largest [m]."""
-    branch = load(grains, i, X) - load(grains, j, X)
+    branch = branch_between(grains, i, j, period)
     limit = body[i, 0] + body[j, 0] + skin if VARIED else reach
     return dot(branch, branch) < limit * limit
 

@@ -1,7 +1,8 @@
 """Lists of near neighbours and near walls, rebuilt for a member when one of its grains has moved too far.
 
 Cells form a periodic lattice of a few hundred or thousand a member; grains that are neighbours only by periodicity are
-rejected by their distance. A cell holds a fixed number of grains, in random order, which decides nothing.
+rejected by their distance. Between periodic sides the lattice has the period of the container along y. A cell holds a
+fixed number of grains, in random order, which decides nothing.
 """
 
 from __future__ import annotations
@@ -104,7 +105,7 @@ def fill_cells(a: System, p: Words):
             index = cell_index(
                 b,
                 cell_number(x[0], b.cell, b.gx),
-                cell_number(x[1], b.cell, b.gy),
+                cell_number(x[1], b.cell_y, b.gy),
                 cell_number(x[2], b.cell, b.gz),
             )
             c = s * a.cells + index
@@ -123,7 +124,7 @@ def collect_neighbours(a: System, p: Words, m: Material, s: int, r: int, g: Grai
     i = s * a.cap + r
     b = a.place[s]
     cx = cell_number(g.x[0], b.cell, b.gx)
-    cy = cell_number(g.x[1], b.cell, b.gy)
+    cy = cell_number(g.x[1], b.cell_y, b.gy)
     cz = cell_number(g.x[2], b.cell, b.gz)
     width = 2 * REACH + 1
     count = int(0)

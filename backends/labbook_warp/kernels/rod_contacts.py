@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from labbook_dem.chosen import wall_distance
+from labbook_dem.images import image
 from labbook_dem.rods import has, heir, rod_on_rod, rod_on_wall
 from labbook_dem.segments import closest_from
 from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, vec3, wide, wide3
@@ -34,10 +35,10 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, has_spring
     y = vec3(real(0.0), real(0.0), real(0.0))
     if has_spring:
         v, w, u, y = motion(p, j, there)
-    away = g.x - there.x
+    away = image(g.x - there.x, m.period)
     along = away[0] if away[0] != wide(0.0) else (away[1] if away[1] != wide(0.0) else away[2])
     s, t = closest_from(away, g.axis, there.axis, m.half, along > wide(0.0))
-    branch = (g.x + g.axis * wide(s)) - (there.x + there.axis * wide(t))
+    branch = image((g.x + g.axis * wide(s)) - (there.x + there.axis * wide(t)), m.period)
     overlap2 = m.reach2 - dot(branch, branch)
     c.touches = overlap2 > wide(0.0)
     if c.touches:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from labbook_dem.images import image
 from labbook_dem.motion import predict
 from labbook_dem.rotation import axis, spin, turn
 from labbook_dem.segments import closest_from
@@ -150,7 +151,7 @@ def angular_velocity(m: Material, g: Grain, w: wide3):
 @func
 def displacement_and_speed(a: System, m: Material, i: int, g: Grain):
     """Displacement [m] of grain i since the last rebuild, and its speed [m/s]: bounds for its farthest point."""
-    shift = g.x - a.origin[i]
+    shift = image(g.x - a.origin[i], m.period)
     tilt = g.axis - a.facing[i]
     v = widen(g.v)
     w = cross(widen(g.spin), g.axis)
@@ -168,7 +169,7 @@ def store_origin(a: System, i: int, g: Grain):
 def distance2(p: Words, m: Material, g: Grain, j: int):
     """Square of the distance [m^2] to grain j: of the segments if the centres are close enough, else of the centres."""
     there = position(p, j)
-    away = g.x - there.x
+    away = image(g.x - there.x, m.period)
     d2 = dot(away, away)
     if d2 < m.centres2:
         s, t = closest_from(away, g.axis, there.axis, m.half, True)

@@ -6,6 +6,7 @@ Only this module and `rods` depend on the shape of grains; sums over contacts, r
 from __future__ import annotations
 
 from labbook_dem.chosen import wall_distance
+from labbook_dem.images import image
 from labbook_dem.spheres import rolling_on_sphere, rolling_on_wall, sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import (
     ROLLING_SPRING,
@@ -129,7 +130,7 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, has_spring
     """Contact with grain j, whose spring is entry `at`; has_spring: it is valid."""
     c = Contact()
     there = position(p, j)
-    branch = g.x - there.x
+    branch = image(g.x - there.x, m.period)
     first = body(a, m, g.index)
     second = body(a, m, j)
     # most contacts of the last step persist: their velocities are loaded before the overlap is known
@@ -226,7 +227,7 @@ def at_surface(
 @func
 def displacement_and_speed(a: System, m: Material, i: int, g: Grain):
     """Displacement [m] of grain i since the last rebuild, and its speed [m/s]: bounds for its farthest point."""
-    shift = g.x - a.origin[i]
+    shift = image(g.x - a.origin[i], m.period)
     v = widen(g.v)
     return sqrt(dot(shift, shift)), sqrt(dot(v, v))
 
@@ -240,5 +241,5 @@ def store_origin(a: System, i: int, g: Grain):
 @func
 def distance2(p: Words, m: Material, g: Grain, j: int):
     """Square of the distance [m^2] from the centre of grain j."""
-    away = g.x - position(p, j).x
+    away = image(g.x - position(p, j).x, m.period)
     return dot(away, away)

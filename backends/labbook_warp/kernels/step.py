@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from labbook_dem.images import image
 from labbook_dem.motion import drift, kick, predict
 from labbook_dem.words import dot, func, narrow, real, rounded, wide, wide3
 
@@ -118,6 +119,7 @@ def advance(
         w_mid = angular_velocity(m, g, w0 + turn_acc * half_dt)
         a.work[i] = a.work[i] + (dot(force, v0 + acc * half_dt) + dot(torque, w_mid)) * kick_dt
     x1 = wide3(drift(g.x[0], v2[0], m.dt), drift(g.x[1], v2[1], m.dt), drift(g.x[2], v2[2], m.dt))
+    x1 = image(x1, m.period)
     u1 = narrow(wide3(predict(v2[0], acc[0], m.dt), predict(v2[1], acc[1], m.dt), predict(v2[2], acc[2], m.dt)))
     new = moved(m, g, x1, v1, w2, u1, turn_acc)
     if CROSSING:

@@ -63,6 +63,7 @@ class Material:
     per_quantum_t: real
     rolling_stiffness: real  # of rolling springs; see `labbook_dem.spheres.rolling_resistance`
     rolling_damping: real
+    period: wide  # distance [m] of periodic sides along y
 
 
 @struct
@@ -72,6 +73,7 @@ class Place:
     plane: wide  # height [m] of the plane of crossings
     drop: wide  # height [m] below which grains leave
     cell: wide  # edge of a cell [m]
+    cell_y: wide  # along y: that of cells that fill a period
     gx: int  # cells along x, y, z
     gy: int
     gz: int

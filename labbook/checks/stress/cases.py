@@ -1,6 +1,6 @@
 """All stress cases, in the order in which they are best read."""
 
-from labbook.checks.stress import counts, frames, geometry, impacts, meshes, moving, powers, pushes, steps
+from labbook.checks.stress import counts, frames, geometry, impacts, meshes, moving, powers, pushes, sides, steps
 from labbook.checks.stress.case import StressCase
 
 CASES: tuple[StressCase, ...] = (
@@ -10,6 +10,7 @@ CASES: tuple[StressCase, ...] = (
     *meshes.CASES,
     *moving.CASES,
     *frames.CASES,
+    *sides.CASES,
     *counts.CASES,
     *powers.CASES,
     *pushes.CASES,

@@ -9,7 +9,7 @@ from labbook.backend import Unsupported
 from labbook.checks.verify.stand import CaseNotMeasured, Stand
 
 Result = Literal["passed", "failed", "reported", "unsupported"]
-SCENE_KEYS = ("grains.shape", "container")
+SCENE_KEYS = ("grains.shape", "container", "container.periodic")
 """Keys of a scene that a backend may lack without failing: a case with such shapes or walls is then `unsupported`."""
 
 

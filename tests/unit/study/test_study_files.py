@@ -290,7 +290,7 @@ def test_defaults_on_the_page_are_those_of_the_models(tmp_path):
 
 
 def test_examples_on_the_page_load(tmp_path):
-    first, grains, contact, materials, springs, lip, parts, below, *others = (
+    first, grains, contact, materials, springs, periodic, lip, parts, below, *others = (
         block.split("```")[0] for block in PAGE.split("```yaml\n")[1:]
     )
     file = tmp_path / "orifices.yaml"
@@ -318,6 +318,8 @@ def test_examples_on_the_page_load(tmp_path):
     assert sprung.scene.contact.rolling_spring == (2.25, 0.3)
     assert sprung.scene.contact.rolling_model == "epsd"
     plain = "\n".join(line for line in without_sweep.splitlines() if not line.startswith("container:"))
+    file.write_text(plain + "\n" + periodic)
+    assert load(file).points[0].scene.container.period == pytest.approx(10e-3)
     file.write_text(plain + "\n" + lip)
     (silo,) = load(file).points
     assert silo.scene.sink == pytest.approx(-6e-3)

@@ -37,7 +37,7 @@ HERTZ = "shear_modulus: 100 MPa, poisson_ratio: 0.25"
         ("name: base", "name: base\ntimestep: 1 us", "timestep", "numerics: {dt: ...}"),
         ("name: base", "name: base\ndt: 1 us", "dt", "numerics: {dt: ...}"),
         ("name: base", "name: base\nnumerics: {time_step: 1 us}", "numerics.time_step", "write dt"),
-        ("name: base", "name: base\nperiodic: true", "periodic", "no periodic boundaries"),
+        ("name: base", "name: base\nperiodic: true", "periodic", "periodic: y"),
         ("name: base", "name: base\nfriction: 0.5", "friction", "contact.friction"),
         ("name: base", "name: base\nmeasures: [flow_rate]", "measures", "did you mean measure?"),
         ("orifice: 30 mm", "outlet: 30 mm", "container.outlet", "write orifice"),
