@@ -33,6 +33,7 @@ class Backend(DemBackend):
         meshes=True,
         rods_at_meshes=True,
         moving_parts=True,
+        clumps=True,
     )
 
     def __init__(self, threads: int | None = None, *, wide: bool = False):
