@@ -292,8 +292,9 @@ class Run(Standing):
 
     def _centres(self) -> np.ndarray:
         """Centres of the spheres of clumps [m], shape [n, k, 3]; of other grains their own, shape [n, 1, 3]."""
-        grains = self.scene.grains
-        centres = sphere_centres(grains, self.x, self.q) if isinstance(grains, Clumps) else self.x
+        grains, centres = self.scene.grains, self.x
+        if isinstance(grains, Clumps) and self.q is not None:
+            centres = sphere_centres(grains, self.x, self.q)
         return centres.reshape(len(self.x), -1, 3)
 
     def _turned(self, w: float, x: float, y: float, z: float, m: vec3) -> tuple[float, float, float, float]:
