@@ -253,7 +253,7 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
             has = ", ".join(sorted(supported))
             state = f": state numerics: {{precision: {min(supported)}}}" if key == "numerics.precision" else ""
             if value == "clump":
-                state = "; use --backend reference for few clumps, or spherocylinder for long grains"
+                state = "; use --backend numba, or spherocylinder for long grains"
             raise Unsupported(key, f"the backend {can.name} has no {value}; it has {has}{state}")
     if MESH in needs.walls and SHAPES[needs.grains.shape].oriented and not can.rods_at_meshes:
         reason = f"the backend {can.name} has no contacts of rods with a mesh"
