@@ -10,7 +10,7 @@ frame to space, and the reduced angular momentum m = L/I_y [rad/s] in the frame 
 """
 
 from labbook_dem.rotation import turn
-from labbook_dem.words import dot, func, real, sqrt, vec3, wide, wide3
+from labbook_dem.words import dot, func, sqrt, wide, wide3
 
 
 @func
@@ -34,7 +34,7 @@ def first_axis(w: wide, x: wide, y: wide, z: wide):
 
 
 @func
-def spin_of_clump(m: vec3, first: vec3, third: vec3, flat: real, slender: real):
+def spin_of_clump(m: wide3, first: wide3, third: wide3, flat: wide, slender: wide):
     """Angular velocity [rad/s] of a clump; first, third: unit vectors along its axes x and z."""
     return m + (first * (flat * dot(m, first)) + third * (slender * dot(m, third)))
 

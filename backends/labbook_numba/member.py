@@ -5,7 +5,7 @@ from types import ModuleType
 
 import numpy as np
 from labbook_dem.ensemble import NOT_RECORDED, Failure, Standing, check_checkpoint, explain, places
-from labbook_dem.features import has_meshes, is_oriented, pose_table, rolling_springs
+from labbook_dem.features import has_meshes, is_oriented, pose_table, rolling_springs, rows_of_grain
 from labbook_dem.mesh import SPRING_KEY, spring_places
 from labbook_dem.mesh_grid import first_features, shapes_of
 from labbook_dem.reading import Grains, Inside
@@ -21,7 +21,7 @@ from labbook_numba import state as S
 from labbook_numba.domains import advance, in_layers
 from labbook_numba.parameters import parameters
 from labbook_numba.state import Params
-from labbook_numba.stored import array_names, check_state, layout_of, rows_of_grain
+from labbook_numba.stored import array_names, check_state, layout_of
 
 PAIRS_PER_GRAIN, WALLS_PER_GRAIN = 6, 3  # initial capacities; arrays grow after an overflow
 GUARDS = {2: "state", 3: "speed", 4: "overlap"}

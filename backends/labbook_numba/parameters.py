@@ -35,9 +35,9 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     moves = features.mesh_moves(scene, numerics)
     # rows of clumps are spheres, which touch walls by themselves
     spheres = [sphere.centre for sphere in grains.spheres] if isinstance(grains, Clumps) else []
-    half, rods = (0.0, False) if spheres else (grains.overhang, features.is_oriented(scene))
+    half = 0.0 if spheres else grains.overhang
     shapes, reach = shapes_of(scene.container.walls()), mesh_reach(grains.radius + half, moves)
-    meshes = MeshGrids.of(shapes, [reach] * len(shapes), rods)
+    meshes = MeshGrids.of(shapes, [reach] * len(shapes), features.has_rods(scene))
     spare = wall_numbers - walls.numbers.shape[1]
     return Params(
         c=tuple(pair_c[0].tolist()),

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 
 import numpy as np
 from labbook_dem.ensemble import LONGEST
-from labbook_dem.features import has_meshes, rolling_springs
+from labbook_dem.features import has_meshes, rolling_springs, rows_of_grain
 from labbook_dem.mesh import SPRING_KEY
 from labbook_dem.mesh_grid import first_features, shapes_of
 
 from labbook.backend.numerics import Numerics
-from labbook.scene import Clumps, Scene
+from labbook.scene import Scene
 from labbook_numba import state as S
 from labbook_numba.state import Layout, State
 
@@ -26,11 +26,6 @@ def array_names(scene: Scene) -> set[str]:
     layout = layout_of(scene)
     unused = {"body": layout.VARIED, "clumps": layout.CLUMPS, "clump_loads": layout.CLUMPS}
     return set(State._fields) - set(S.SCRATCH) - {name for name, used in unused.items() if not used}
-
-
-def rows_of_grain(scene: Scene) -> int:
-    """Number of rows of State.grains that a grain has: one for each sphere of a clump."""
-    return len(scene.grains.spheres) if isinstance(scene.grains, Clumps) else 1
 
 
 def check_state(arrays: Mapping[str, np.ndarray], scene: Scene, numerics: Numerics, crossings: bool = False) -> None:

@@ -27,6 +27,7 @@ class Backend(DemBackend):
         meshes=True,
         rods_at_meshes=True,
         moving_parts=True,
+        clumps=True,
     )
 
     def __init__(self, lanes: int | None = None, *, wide: bool = False):
