@@ -369,6 +369,7 @@ class Run(Standing):
         """Set names, weights, bodies, orientations and spheres of the grains in `rows`, whose places are set."""
         st, per_grain = self.state, self._spheres
         of_rows = slice(rows.start and rows.start * per_grain, rows.stop * per_grain)
+        assert packing.ids is not None
         st.ids[of_rows] = np.repeat(packing.ids, per_grain)
         st.gone[of_rows] = np.repeat(packing.x[:, 2] < self.params.plane, per_grain)
         st.f[rows, 2] = -self.params.mass * self.params.gravity

@@ -71,8 +71,9 @@ class Run:
             grains, q = self.scene.grains, self.begin.q
             Bodies.of(grains, self.begin)  # an error now, not when it gets a slot
             self.rows = len(self.begin) * self.per_grain
-            centred = isinstance(grains, Clumps) and q is not None
-            positions = sphere_centres(grains, self.begin.x, q) if centred else self.begin.x
+            positions = self.begin.x
+            if isinstance(grains, Clumps) and q is not None:
+                positions = sphere_centres(grains, positions, q)
         self.lattice = lattice(positions, cell_size(self.scene, self.numerics), SHAPES[self.scene.grains.shape].reach)
 
     def takes_up(self, stored: Checkpoint) -> None:

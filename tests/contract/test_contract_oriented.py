@@ -15,8 +15,18 @@ from labbook.checks.verify.rods import rods as rods_alone
 from labbook.checks.verify.rods import rods_at
 from labbook.checks.verify.stand import rows_of
 from labbook.checks.verify.symmetry import hopper
-from labbook.filling import place, start_of_discharge
-from labbook.scene import Clumps, CylinderSilo, LinearSpringDashpot, Packing, Primitives, Scene, Spherocylinders
+from labbook.filling import Feeder, Refill, place, refill, start_of_discharge
+from labbook.scene import (
+    BedTop,
+    Clumps,
+    CylinderSilo,
+    Feed,
+    LinearSpringDashpot,
+    Packing,
+    Primitives,
+    Scene,
+    Spherocylinders,
+)
 from labbook.scene.orientation import axes
 
 DT, STEPS = 1e-5, 200
@@ -197,6 +207,44 @@ def test_energy_is_accounted_for(oriented, bed):
     # closed to second order in the step, and in `mixed` to the rounding of forces
     limit = 1e-7 if oriented.precision == "double" else 1e-5
     assert np.ptp(balance) < limit * np.abs(table["contact_work"]).max()
+
+
+def fed(oriented: Oriented, start, feeder: Feeder, beats: range):
+    """End, crossings and checkpoint of a member whose grains return after each beat, and the number of these."""
+    backend, returned = oriented.backend, 0
+    spec = backend.specialise(silo(oriented), numerics(oriented), PROBES)
+    ensemble = backend.open(spec, 1, oriented.device)
+    try:
+        member = ensemble.admit(silo(oriented), numerics(oriented), start)
+        for beat in beats:
+            ensemble.advance(1)
+            top = ensemble.tops({member: feeder.floor})[member]
+            expected = BedTop.of(ensemble.packing(member), feeder.floor)
+            places = [np.argsort(of.ids) for of in (top, expected)]
+            assert np.array_equal(top.ids[places[0]], expected.ids[places[1]])
+            assert np.array_equal(np.asarray(top.q)[places[0]], np.asarray(expected.q)[places[1]])
+            (back,) = refill([Refill(feeder, top, beat)])
+            if back is not None:
+                ensemble.put_back(member, back)
+                returned += len(back)
+        rows = rows_of(ensemble.drain()[CROSSING], member)
+        return ensemble.packing(member), rows, ensemble.checkpoint(member), returned
+    finally:
+        ensemble.close()
+
+
+def test_fed_grains_continue_from_a_checkpoint_bit_for_bit(oriented, bed):
+    feeder = Feeder(silo(oriented).model_copy(update={"feed": Feed(kind="reinject")}), bed, "gas", 1)
+    end, rows, _, returned = fed(oriented, bed, feeder, range(1, 81))
+    assert returned > 2
+    assert np.array_equal(np.sort(np.asarray(end.ids)), np.arange(len(bed)))
+    _, before, stored, first = fed(oriented, bed, feeder, range(1, 61))
+    again, after, _, then = fed(oriented, stored, feeder, range(61, 81))
+    assert identical(again, end)
+    assert first + then == returned
+    assert 0 < first < returned
+    for name, column in rows.items():
+        assert np.array_equal(np.concatenate([before[name], after[name]]), column), name
 
 
 def test_spheres_have_no_orientation_to_sample(oriented):
