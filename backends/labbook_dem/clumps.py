@@ -1,8 +1,8 @@
 """Clumps: rigid bodies of spheres with three different moments of inertia.
 
 Contacts are those of spheres on levers: the branch from the centre of mass of a clump to the centre of a sphere of it.
-Relative velocities of centres of mass are converted to those of the spheres' centres here. Radii are those of the
-spheres, masses those of the clumps.
+Spheres move as parts of their clump (`sphere_velocity`), and their contacts are those of free spheres with the mass of
+the clump (`labbook_dem.spheres`). Force and torque then act on the clump (`torque_on_clump`).
 
 The state of the rotation is that of rods (`labbook_dem.rotation`): a unit quaternion q, whose rotation takes the body
 frame to space, and the reduced angular momentum m = L/I_y [rad/s] in the frame of the lab, I_y the middle moment. With
@@ -10,8 +10,7 @@ frame to space, and the reduced angular momentum m = L/I_y [rad/s] in the frame 
 """
 
 from labbook_dem.rotation import turn
-from labbook_dem.spheres import sphere_on_sphere
-from labbook_dem.words import coefs, cross, dot, func, real, sqrt, vec3, wide, wide3
+from labbook_dem.words import dot, func, sqrt, wide, wide3
 
 
 @func
@@ -35,7 +34,7 @@ def first_axis(w: wide, x: wide, y: wide, z: wide):
 
 
 @func
-def spin_of_clump(m: vec3, first: vec3, third: vec3, flat: real, slender: real):
+def spin_of_clump(m: wide3, first: wide3, third: wide3, flat: wide, slender: wide):
     """Angular velocity [rad/s] of a clump; first, third: unit vectors along its axes x and z."""
     return m + (first * (flat * dot(m, first)) + third * (slender * dot(m, third)))
 
@@ -72,19 +71,20 @@ def turn_clump(w: wide, x: wide, y: wide, z: wide, m: wide3, flat: wide, slender
 
 
 @func
-def clump_on_clump(
-    c: coefs, ri: real, rj: real, mi: real, mj: real, away: vec3, overlap2: real, lever_i: vec3, lever_j: vec3,
-    u: vec3, v: vec3, pi: vec3, pj: vec3, wi: vec3, wj: vec3, s: vec3, dt: real, rate_i: real, rate_j: real,
-):  # fmt: skip
-    """Force and torque on i, torque on j, spring and overlap [m] of a sphere of a clump i and one of another, j.
+def sphere_velocity(v: wide3, spin: wide3, lever: wide3):
+    """Velocity [m/s] of the centre of a sphere of a clump, which moves with v and turns with `spin` [rad/s]."""
+    return wide3(
+        v.x + (spin.y * lever.z - spin.z * lever.y),
+        v.y + (spin.z * lever.x - spin.x * lever.z),
+        v.z + (spin.x * lever.y - spin.y * lever.x),
+    )
 
-    away: branch from the second sphere to the first [m]; lever_i, lever_j: from the centres of mass to the spheres [m].
-    u, v: relative velocities of the centres of mass, predicted and half a step old [m/s]; pi, pj and wi, wj: spins
-    likewise [rad/s]. The rest as in `sphere_on_sphere`.
-    """
-    u = u + (cross(pi, lever_i) - cross(pj, lever_j))
-    v = v + (cross(wi, lever_i) - cross(wj, lever_j))
-    force, on_i, on_j, spring, delta = sphere_on_sphere(
-        c, ri, rj, mi, mj, away, overlap2, u, v, wi, wj, s, dt, rate_i, rate_j
-    )  # fmt: skip
-    return force, on_i + cross(lever_i, force), on_j - cross(lever_j, force), spring, delta
+
+@func
+def torque_on_clump(torque: wide3, force: wide3, lever: wide3):
+    """Torque [N m] about the centre of mass of a clump, of a force [N] and a torque about the centre of a sphere."""
+    return wide3(
+        torque.x + (lever.y * force.z - lever.z * force.y),
+        torque.y + (lever.z * force.x - lever.x * force.z),
+        torque.z + (lever.x * force.y - lever.y * force.x),
+    )

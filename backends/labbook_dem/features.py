@@ -9,7 +9,7 @@ import numpy as np
 from labbook.backend import Capabilities, Spec, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Dissipation, Film, Ledger, Probe, Sample, Traction, Zone
-from labbook.scene import ContactLaw, Grains, Scene, Surface, TriangleMesh
+from labbook.scene import Clumps, ContactLaw, Grains, Scene, Spherocylinders, Surface, TriangleMesh
 from labbook.scene.model import once
 from labbook.scene.walls import AT_REST
 from labbook_dem.coefficients import COEFFICIENTS
@@ -188,6 +188,16 @@ def is_oriented(scene: Scene) -> bool:
     return SHAPES[scene.grains.shape].oriented
 
 
+def has_rods(scene: Scene) -> bool:
+    """True if grains are rods: segments with an axis."""
+    return isinstance(scene.grains, Spherocylinders)
+
+
+def rows_of_grain(scene: Scene) -> int:
+    """Number of rows of a grain in the arrays of compiled backends: one for each sphere of a clump."""
+    return len(scene.grains.spheres) if isinstance(scene.grains, Clumps) else 1
+
+
 def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
     """Height z [m] of the plane whose crossings are recorded, and height below which grains are dropped.
 
@@ -257,7 +267,7 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
             has = ", ".join(sorted(supported))
             state = f": state numerics: {{precision: {min(supported)}}}" if key == "numerics.precision" else ""
             if value == "clump":
-                state = "; use --backend reference for few clumps, or spherocylinder for long grains"
+                state = "; use --backend numba, or spherocylinder for long grains"
             raise Unsupported(key, f"the backend {can.name} has no {value}; it has {has}{state}")
     if MESH in needs.walls and SHAPES[needs.grains.shape].oriented and not can.rods_at_meshes:
         reason = f"the backend {can.name} has no contacts of rods with a mesh"

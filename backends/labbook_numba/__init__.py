@@ -34,6 +34,7 @@ class Backend(DemBackend):
         rods_at_meshes=True,
         moving_parts=True,
         periodic=True,
+        clumps=True,
     )
 
     def __init__(self, threads: int | None = None, *, wide: bool = False):

@@ -32,7 +32,6 @@ from labbook_numba.kernels import (
     cells,
     meet,
     mesh_walls,
-    move,
     near,
     neighbours,
     observe,
@@ -48,11 +47,11 @@ from labbook_numba.kernels import (
 from labbook_numba.kernels import features as vocabulary
 from labbook_numba.shapes import SHAPES
 
-PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "ROLL", "BODY")
+PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "ROLL", "BODY", "CLUMP")
 PLACES += ("X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
 
 BEFORE = (cells, blocks, bodies, transfer, branches)
-AFTER = (pairs, near, move, neighbours, meet, step, observe, traction)
+AFTER = (pairs, near, neighbours, meet, step, observe, traction)
 """Kernels common to all shapes, before and after those of a shape in the generated module."""
 
 
@@ -84,7 +83,8 @@ def module_text(spec: Spec) -> str:
     shared = _numbers(state) | layout._asdict()
     places = {name: value for module in (blocks, *shape_kernels.kernels) for name, value in _numbers(module).items()}
     places |= {name: shared[name] for name in PLACES}
-    numbers_by_name: dict[str, object] = {**_numbers(vocabulary), **shared, **constants(spec)}
+    # the layout decides for rows what the features say of grains: clumps have an orientation, their spheres do not
+    numbers_by_name: dict[str, object] = {**_numbers(vocabulary), **constants(spec), **shared}
     numbers_by_name |= {
         name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in numbers_by_name
     }

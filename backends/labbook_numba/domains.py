@@ -24,8 +24,8 @@ from labbook_numba.state import Layout, Params, State
 NEAR_WORK = 2  # work of a near pair relative to a grain, to balance domains
 STEP = CROSSING_COLUMNS.index("step")
 LARGE, LARGE_RODS = 50_000, 10_000
-"""Smallest numbers of spheres and of rods of a scene that is split; a domain has at least a quarter of that. A rod
-takes four times as long as a sphere to step, and the barriers of the threads take as long for either."""
+"""Smallest numbers of spheres and of rods or clumps of a scene that is split; a domain has at least a quarter of that.
+A rod takes four times as long as a sphere to step, and the barriers of the threads take as long for either."""
 LAYERED = 2000
 """Smallest number of grains that are ordered in layers: fewer fit into the cache of a core in any order."""
 
@@ -93,7 +93,8 @@ def _split(state: State, params: Params, layout: Layout, threads: int) -> list[S
     i, j = state.pair_i[:pairs], state.pair_j[:pairs]
     cumulative_work = np.cumsum(1 + NEAR_WORK * np.bincount(i, minlength=n))
     shares = cumulative_work[-1] * np.arange(1, threads) / threads
-    row_bounds = [0, *(int(row) for row in np.searchsorted(cumulative_work, shares)), n]
+    per_grain = len(params.spheres) or 1  # the spheres of a clump are of one domain
+    row_bounds = [0, *(int(row) // per_grain * per_grain for row in np.searchsorted(cumulative_work, shares)), n]
     shared_values, meetings = np.zeros((threads, S.CACHE_LINE)), np.zeros(1, np.int64)
     precision = "mixed" if state.block.dtype == np.float32 else "double"
     domains = []
@@ -104,7 +105,8 @@ def _split(state: State, params: Params, layout: Layout, threads: int) -> list[S
         # Counted from 0 by each thread, and added up in `_join`: the copies all start with those of before.
         count[S.CROSSED], count[S.FAIL_GRAIN] = 0, -1
         mass = state.body[first:last, 1] if len(state.body) else params.mass
-        loads[first:last, S.F + 2] = -mass * params.gravity
+        if not len(state.clumps):  # which have weights of their own, that only their domain changes
+            loads[first:last, S.F + 2] = -mass * params.gravity
         domain = state._replace(
             loads=loads,
             cross=np.zeros_like(state.cross),

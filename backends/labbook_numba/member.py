@@ -5,7 +5,7 @@ from types import ModuleType
 
 import numpy as np
 from labbook_dem.ensemble import NOT_RECORDED, Failure, Standing, check_checkpoint, explain, places
-from labbook_dem.features import has_meshes, is_oriented, pose_table, rolling_springs
+from labbook_dem.features import has_meshes, is_oriented, pose_table, rolling_springs, rows_of_grain
 from labbook_dem.mesh import SPRING_KEY, spring_places
 from labbook_dem.mesh_grid import first_features, shapes_of
 from labbook_dem.reading import Grains, Inside
@@ -15,7 +15,8 @@ from labbook_dem.traction import SUMS
 from labbook.backend import Capabilities, Checkpoint
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import SLIDING, Crossing, Traction
-from labbook.scene import Bodies, Packing, Scene
+from labbook.scene import Bodies, Clumps, Packing, Scene
+from labbook.scene.grains import MOST_SPHERES
 from labbook_numba import state as S
 from labbook_numba.domains import advance, in_layers
 from labbook_numba.parameters import parameters
@@ -34,12 +35,12 @@ class Run(Standing):
         self.scene, self.numerics, self.probes = scene, numerics, tuple(probes)
         self.params: Params = parameters(scene, numerics, probes, kernels.WALL_NUMBERS)
         self.names = [wall.name for wall in scene.container.walls()]
-        self.rods = is_oriented(scene)
-        self.layout = layout_of(scene)
+        self.oriented, self.layout = is_oriented(scene), layout_of(scene)
+        self._spheres = rows_of_grain(scene)
         self.failure: Failure | None = None
         self._varied, self._rolling = scene.grains.varied, rolling_springs(scene)
         self._array_names = array_names(scene)
-        self._first_feature = first_features(shapes_of(scene.container.walls()), self.rods)
+        self._first_feature = first_features(shapes_of(scene.container.walls()), self.layout.ORIENTED)
         self._posed = has_meshes(scene) and bool(kernels.POSES)
 
     # start
@@ -48,32 +49,46 @@ class Run(Standing):
         """Start from a packing at step 0."""
         packing = in_layers(packing, self.scene.grains.diameter)
         n = len(packing)
-        near, walls = PAIRS_PER_GRAIN * n + 64, WALLS_PER_GRAIN * n + 64
-        sizes = n, near, len(self.names), walls, self._crossings(n)
-        self.state = st = S.allocate(*sizes, self.numerics.precision, self.layout)
-        st.count[S.GRAINS] = n
-        st.x[:], st.v[:], st.w[:], st.ids[:] = packing.x, packing.v, packing.omega, packing.ids
-        st.u[:] = packing.v
-        st.gone[:] = packing.x[:, 2] < self.params.plane
+        self.state = st = self._allocated(n)
+        st.count[S.GRAINS] = n * self._spheres
+        st.x[:], st.v[:], st.w[:], st.u[:] = packing.x, packing.v, packing.omega, packing.v
         self._make(packing, slice(n))
         self._rebuild()
         self._set_springs(packing)
 
+    def _allocated(self, n: int) -> S.State:
+        """Zeroed arrays for n grains."""
+        rows = n * self._spheres
+        sizes = n, PAIRS_PER_GRAIN * rows + 64, len(self.names), WALLS_PER_GRAIN * rows + 64, self._crossings(n)
+        return S.allocate(*sizes, self.numerics.precision, self.layout, self._spheres)
+
     def _orient(self, packing: Packing, rows: slice) -> None:
+        grains = self.scene.grains
         if packing.q is None:
-            raise ValueError("rods cannot start from a packing without orientations q: it is one of spheres")
+            raise ValueError(f"{grains.noun}s cannot start from a packing without orientations q: it is one of spheres")
         st = self.state
         st.q[rows] = packing.q / np.linalg.norm(packing.q, axis=1)[:, None]
-        st.grains[rows, S.A : S.A + 3] = axes(st.q[rows])
-        st.grains[rows, S.P : S.P + 3] = packing.omega
-        st.m[rows] = momenta(self.scene.grains, packing.omega, st.q[rows])
+        st.moving[rows, S.P : S.P + 3] = packing.omega
+        st.m[rows] = momenta(grains, packing.omega, st.q[rows])
+        if self.layout.ORIENTED:
+            st.moving[rows, S.A : S.A + 3] = axes(st.q[rows])
 
     def _crossings(self, n: int) -> int:
         return n if any(isinstance(probe, Crossing) for probe in self.probes) else 0
 
     def _set_springs(self, packing: Packing) -> None:
         st, pairs = self.state, int(self.state.count[S.PAIRS])
-        index = places(_keys(st.pair_i[:pairs], st.pair_j[:pairs]), _keys(*packing.pairs.T))
+        # rows of State.grains that touch: grains, or spheres of clumps
+        pair_rows, wall_rows, wall_parts = packing.pairs, packing.wall_grain, packing.wall_part
+        if self.layout.CLUMPS:
+            if packing.pair_parts is None and len(pair_rows):
+                raise ValueError("clumps cannot start from a packing without pair_parts: it is not one of clumps")
+            parts = np.zeros((0, 2), np.int64) if packing.pair_parts is None else packing.pair_parts
+            if max(parts.max(initial=0), (wall_parts % MOST_SPHERES).max(initial=0)) >= self._spheres:
+                raise ValueError(f"the packing has springs of spheres that clumps of {self._spheres} do not have")
+            pair_rows = pair_rows * self._spheres + parts
+            wall_rows, wall_parts = wall_rows * self._spheres + wall_parts % MOST_SPHERES, wall_parts // MOST_SPHERES
+        index = places(_keys(st.pair_i[:pairs], st.pair_j[:pairs]), _keys(*pair_rows.T))
         listed = index >= 0
         st.spring[index[listed], :3] = packing.pair_spring[listed]
         pair_rolling, wall_rolling = packing.rolling
@@ -83,9 +98,9 @@ class Run(Standing):
         for w, name in enumerate(self.names):
             first, last = st.wall_first[w], st.wall_first[w + 1]
             of_wall = packing.wall_name == name
-            index = places(st.wall_grain[first:last], packing.wall_grain[of_wall])
+            index = places(st.wall_grain[first:last], wall_rows[of_wall])
             listed = index >= 0
-            entry, part = first + index[listed], packing.wall_part[of_wall][listed]
+            entry, part = first + index[listed], wall_parts[of_wall][listed]
             first_feature, next_feature = self._first_feature[w : w + 2]
             if part.max(initial=0) >= (next_feature - first_feature or self.layout.WALL_PARTS):
                 raise ValueError(f"the packing has a spring at part {part.max()} of the wall {name}")
@@ -132,7 +147,12 @@ class Run(Standing):
     @property
     def grains(self) -> int:
         """Number of grains that have not left."""
-        return int(self.state.count[S.GRAINS])
+        return int(self.state.count[S.GRAINS]) // self._spheres
+
+    @property
+    def ids(self) -> np.ndarray:
+        """Names of the grains that have not left, shape [n]; a view."""
+        return self.state.ids[:: self._spheres][: self.grains]
 
     def beat(self, threads: int = 1) -> None:
         """Take one beat of steps; after a failure, set `failure` and restore the state before the beat.
@@ -161,9 +181,9 @@ class Run(Standing):
             self._fail(GUARDS[code], grain, float(st.sums[S.FAIL_VALUE]), before)
             return
         # speeds are checked at every step; a spin moves nothing until its grain touches another: once a beat is enough
-        lost = ~np.isfinite(st.w[: st.count[S.GRAINS]]).all(axis=1)
+        lost = ~np.isfinite(st.w[: self.grains]).all(axis=1)
         if lost.any():
-            self._fail("spin", int(st.ids[np.argmax(lost)]), np.nan, before)
+            self._fail("spin", int(self.ids[np.argmax(lost)]), np.nan, before)
 
     def _advance_to(self, step: int, threads: int) -> int:
         if self.step == step:  # the kernel would take the call as a reading, which advances springs
@@ -232,8 +252,8 @@ class Run(Standing):
         """Return its grains at the whole step; views, except v, w and m."""
         v, w = self.whole_step()
         st, n, m = self.state, len(v), momenta(self.scene.grains, w, self.q)
-        half = st.m if self.rods else st.w
-        grains = Grains(st.ids[:n], st.x[:n], v, w, m, st.v[:n], half[:n], self.q, self.bodies())
+        half = st.m if self.oriented else st.w
+        grains = Grains(self.ids, st.x[:n], v, w, m, st.v[:n], half[:n], self.q, self.bodies())
         return grains.within(inside)
 
     def counted(self) -> Mapping[str, float]:
@@ -272,7 +292,7 @@ class Run(Standing):
             self._put_back(before)
 
     def _packing(self) -> Packing:
-        st, n, pairs = self.state, int(self.state.count[S.GRAINS]), int(self.state.count[S.PAIRS])
+        st, n, pairs = self.state, self.grains, int(self.state.count[S.PAIRS])
         walls = int(st.wall_first[-1])
         wall = np.repeat(np.arange(len(self.names)), np.diff(st.wall_first))
         entry, part = np.nonzero(st.wall_held[:walls, None] >> np.arange(self.layout.WALL_PARTS) & 1)
@@ -282,18 +302,26 @@ class Run(Standing):
         roll = slice(S.ROLL, S.ROLL + 3)
         first_feature, next_feature = self._first_feature[wall[entry]], self._first_feature[wall[entry] + 1]
         feature = st.wall_spring[row, SPRING_KEY].astype(np.int64) - first_feature
+        part = np.where(next_feature > first_feature, feature, part)
+        pair_rows = np.column_stack([st.pair_i[:pairs], st.pair_j[:pairs]])[touching].astype(np.int64)
+        wall_rows, pair_parts = st.wall_grain[:walls][entry].astype(np.int64), None
+        if self.layout.CLUMPS:
+            pair_rows, pair_parts = np.divmod(pair_rows, self._spheres)
+            wall_rows, place = np.divmod(wall_rows, self._spheres)
+            part = MOST_SPHERES * part + place
         return Packing(
             x=st.x[:n].copy(),
             v=v,
             omega=w,
             q=None if self.q is None else self.q.copy(),
-            ids=st.ids[:n].copy(),
-            pairs=np.column_stack([st.pair_i[:pairs], st.pair_j[:pairs]])[touching].astype(np.int64),
+            ids=self.ids.copy(),
+            pairs=pair_rows,
+            pair_parts=pair_parts,
             pair_spring=st.spring[:pairs, :3][touching],
-            wall_grain=st.wall_grain[:walls][entry].astype(np.int64),
+            wall_grain=wall_rows,
             wall_name=np.array([*self.names, ""], "U40")[wall[entry]],
             wall_spring=st.wall_spring[row, :3],
-            wall_part=np.where(next_feature > first_feature, feature, part),
+            wall_part=part,
             pair_rolling=st.spring[:pairs, roll][touching] if self._rolling else None,
             wall_rolling=st.wall_spring[row, roll] if self._rolling else None,
             **(varied.carried(self.scene.grains) if varied else {}),
@@ -302,28 +330,28 @@ class Run(Standing):
     def present(self) -> np.ndarray:
         """Ids of the grains that have not left."""
         self._drop_leavers()
-        return self.state.ids[: self.grains]
+        return self.ids
 
     def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
         """Insert grains in rows behind the others; see `Standing`."""
         self._drop_leavers()  # first: it frees their rows, and moves other grains
         first, last = self.grains, self.grains + len(grains)
-        if last > len(self.state.ids):
+        if last > len(self.state.x):
             self._grow(self.scene.grains.count)
         st, new = self.state, slice(first, last)
-        st.grains[new], st.loads[new] = 0.0, 0.0
+        rows = slice(first * self._spheres, last * self._spheres)
+        st.grains[rows], st.loads[rows] = 0.0, 0.0
+        st.moving[new], st.moving_loads[new] = 0.0, 0.0
         st.x[new], st.v[new], st.u[new], st.w[new] = grains.x, half_v, grains.v, grains.omega
-        st.ids[new], st.gone[new] = grains.ids, grains.x[:, 2] < self.params.plane
         self._make(grains, new)
-        st.count[S.GRAINS] = last
+        st.count[S.GRAINS] = rows.stop
         self._rebuild()
 
     def _grow(self, rows: int) -> None:
         """Enlarge the arrays for `rows` grains: those of a stream were not present at the start."""
-        old, n = self.state, self.grains
-        sizes = rows, PAIRS_PER_GRAIN * rows + 64, len(self.names), WALLS_PER_GRAIN * rows + 64, self._crossings(rows)
-        new = S.allocate(*sizes, self.numerics.precision, self.layout)
-        for name in ("grains", "loads", "body", "ids", "gone"):
+        old, new = self.state, self._allocated(rows)
+        lengths = dict.fromkeys(("grains", "loads", "body", "ids", "gone"), int(old.count[S.GRAINS]))
+        for name, n in {**lengths, "clumps": self.grains, "clump_loads": self.grains}.items():
             getattr(new, name)[:n] = getattr(old, name)[:n]
         new.cross[: len(old.cross)] = old.cross
         shared = {name: getattr(old, name) for name in (*S.Lists._fields, "count", "sums")}
@@ -331,26 +359,41 @@ class Run(Standing):
 
     def set_velocities(self, ids: np.ndarray, v: np.ndarray) -> None:
         """See `Standing`."""
-        st, present = self.state, self.state.ids[: self.grains]
+        st, present = self.state, self.ids
         order = np.argsort(present)
         rows = order[np.searchsorted(present, ids, sorter=order)]
         st.v[rows], st.u[rows] = v, v
+        self._place_spheres(slice(self.grains))
 
     def _make(self, packing: Packing, rows: slice) -> None:
-        """Set the weights, bodies and orientations of the grains in `rows`."""
-        st = self.state
+        """Set names, weights, bodies, orientations and spheres of the grains in `rows`, whose places are set."""
+        st, per_grain = self.state, self._spheres
+        of_rows = slice(rows.start and rows.start * per_grain, rows.stop * per_grain)
+        assert packing.ids is not None
+        st.ids[of_rows] = np.repeat(packing.ids, per_grain)
+        st.gone[of_rows] = np.repeat(packing.x[:, 2] < self.params.plane, per_grain)
         st.f[rows, 2] = -self.params.mass * self.params.gravity
         if self._varied:
             varied = Bodies.of(self.scene.grains, packing)
             st.body[: len(st.ids)][rows] = np.column_stack([varied.radius, varied.mass, varied.inertia, varied.kind])
             st.f[rows, 2] = -varied.mass * self.params.gravity
-        if self.rods:
+        if self.oriented:
             self._orient(packing, rows)
+        if isinstance(self.scene.grains, Clumps):
+            grains = self.scene.grains
+            spheres = [[sphere.radius, grains.mass, grains.inertia_axis, 0.0] for sphere in grains.spheres]
+            st.body[of_rows] = np.tile(spheres, (len(packing), 1))
+        self._place_spheres(rows)
+
+    def _place_spheres(self, rows: slice) -> None:
+        """Bring the spheres of the clumps in `rows` to where their clumps are."""
+        if self.layout.CLUMPS:
+            self.kernels.place_all_spheres(self.state, self.params, rows.start or 0, rows.stop)
 
     @property
     def q(self) -> np.ndarray | None:
         """Orientations, shape [n, 4], a view; None for spheres."""
-        return self.state.q[: self.grains] if self.rods else None
+        return self.state.q[: self.grains] if self.oriented else None
 
     def whole_step(self) -> tuple[np.ndarray, np.ndarray]:
         """Return velocities [m/s] and spins [rad/s], shape [n, 3], at the time of the positions."""
@@ -360,11 +403,14 @@ class Run(Standing):
         n = self.grains
         v, w = np.empty((n, 3)), np.empty((n, 3))
         # A reading computes the forces of this step again, which advances springs and sums: on copies of these.
-        changed = ("loads", "held", "spring", "wall_held", "wall_spring", "sums", "count")
+        changed = ("loads", "clump_loads", "held", "spring", "wall_held", "wall_spring", "sums", "count")
         copy = self.state._replace(**{name: getattr(self.state, name).copy() for name in changed})
         if n:
             assert advance(self.kernels, copy, self.params, self.step, self.layout) == self.kernels.DONE
-        self.kernels.whole_step(copy.grains, copy.loads, copy.body, self.since_half, self.params, v, w)
+        moving, loads, body = copy.grains, copy.loads, copy.body
+        if self.layout.CLUMPS:
+            moving, loads, body = copy.clumps, copy.clump_loads, np.ascontiguousarray(body[:: self._spheres])
+        self.kernels.whole_step(moving, loads, body, self.since_half, self.params, v, w)
         return v, w
 
     def contacts(self) -> np.ndarray:

@@ -6,11 +6,11 @@ from math import inf
 import numpy as np
 from labbook_dem import features
 from labbook_dem.mesh_grid import MeshGrids, mesh_reach, shapes_of
-from labbook_dem.rotation import slenderness
+from labbook_dem.rotation import flatness, slenderness
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
-from labbook.scene import Scene
+from labbook.scene import Clumps, Scene
 from labbook_numba.state import Params
 
 
@@ -33,15 +33,20 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     rolling_stiffness, rolling_damping = scene.contact.rolling_spring
     skin = numerics.skin * d
     moves = features.mesh_moves(scene, numerics)
-    shapes, reach = shapes_of(scene.container.walls()), mesh_reach(grains.reach, moves)
-    meshes = MeshGrids.of(shapes, [reach] * len(shapes), features.is_oriented(scene))
+    # rows of clumps are spheres, which touch walls by themselves
+    spheres = [sphere.centre for sphere in grains.spheres] if isinstance(grains, Clumps) else []
+    half = 0.0 if spheres else grains.overhang
+    shapes, reach = shapes_of(scene.container.walls()), mesh_reach(grains.radius + half, moves)
+    meshes = MeshGrids.of(shapes, [reach] * len(shapes), features.has_rods(scene))
     spare = wall_numbers - walls.numbers.shape[1]
     return Params(
         c=tuple(pair_c[0].tolist()),
         pair_c=pair_c,
         radius=grains.radius,
-        half=grains.overhang,
+        half=half,
         slender=slenderness(grains),
+        flat=flatness(grains),
+        spheres=np.array(spheres, float).reshape(-1, 3),
         mass=grains.mass,
         inertia=grains.inertia,
         gravity=scene.gravity,

@@ -4,10 +4,13 @@ from types import ModuleType
 from typing import NamedTuple
 
 from labbook_numba.kernels import (
+    clumps,
+    move,
     rod_observe,
     rod_pairs,
     rod_walls,
     rods,
+    sphere_lists,
     sphere_observe,
     sphere_pairs,
     sphere_walls,
@@ -29,7 +32,8 @@ class Shape(NamedTuple):
 
 
 SHAPES = {
-    "sphere": Shape(LAYOUTS["sphere"], (sphere_pairs, sphere_walls, spheres, sphere_observe)),
-    "spherocylinder": Shape(LAYOUTS["spherocylinder"], (rod_pairs, rod_walls, rods, rod_observe)),
+    "sphere": Shape(LAYOUTS["sphere"], (sphere_lists, sphere_pairs, sphere_walls, spheres, move, sphere_observe)),
+    "spherocylinder": Shape(LAYOUTS["spherocylinder"], (rod_pairs, rod_walls, rods, move, rod_observe)),
+    "clump": Shape(LAYOUTS["clump"], (sphere_lists, sphere_pairs, sphere_walls, clumps, sphere_observe)),
 }
 """Shapes by the names of scenes."""

@@ -36,6 +36,7 @@ P, Q, A, M = 16, 20, 24, 28
 F, T, LOAD = 0, 4, 8
 ROLL = 4  # first column of the rolling spring in a row of springs, if there is one
 BODY = 4  # numbers of a row of State.body
+CLUMP = 32  # length of a row of State.clumps, whose columns are those of rods without the axis
 GHOSTS = 2  # rows behind the grains that pad blocks: one that collects unused results, and one too far away to touch it
 FAR = 1e30
 
@@ -48,8 +49,9 @@ class Layout(NamedTuple):
         BLOCK_COLUMNS: columns of a block.
         NEAR_COLUMNS: columns of State.near.
         WALL_PARTS: points (parts of a rod) at which a grain may touch one wall, each with a spring.
-        ORIENTED: grains have an orientation.
-        VARIED: grains differ.
+        ORIENTED: rows of State.grains have an orientation.
+        VARIED: they differ.
+        CLUMPS: they are the spheres of clumps.
         SPRING: length of a row of springs.
         SPRING_KEPT: numbers of a row of springs that a rebuild of lists copies.
     """
@@ -60,6 +62,7 @@ class Layout(NamedTuple):
     WALL_PARTS: int
     ORIENTED: bool
     VARIED: bool = False
+    CLUMPS: bool = False
     SPRING: int = 4
     SPRING_KEPT: int = 3
 
@@ -76,13 +79,14 @@ class Layout(NamedTuple):
 SPHERES = Layout(GRAIN=16, BLOCK_COLUMNS=21, NEAR_COLUMNS=7, WALL_PARTS=1, ORIENTED=False)
 MIXTURES = SPHERES._replace(BLOCK_COLUMNS=35, VARIED=True)
 RODS = Layout(GRAIN=32, BLOCK_COLUMNS=33, NEAR_COLUMNS=10, WALL_PARTS=4, ORIENTED=True)
-LAYOUTS = {"sphere": SPHERES, "spherocylinder": RODS}
+LAYOUTS = {"sphere": SPHERES, "spherocylinder": RODS, "clump": MIXTURES._replace(CLUMPS=True)}
 """Layouts of equal grains by shape."""
 
 
 class State(NamedTuple):
     """State of a member. Grains are rows 0..GRAINS-1; vectors are four doubles, of which the last is zero, for one
-    load.
+    load. Of clumps each sphere has a row, those of a clump one after the other: lists, springs and contacts are of
+    spheres. The clumps themselves, which move, have rows in `clumps`.
 
     grains: x [m] at whole steps; v [m/s], w [rad/s] half a step before; u: predicted v. loads: forces [N], torques [N
     m].
@@ -97,12 +101,15 @@ class State(NamedTuple):
     of a row of springs is the feature of its contact (`labbook_dem.mesh`).
 
     Rows of rods also have p, the predicted spin; q, the orientation, and a, its axis, at whole steps; m, the reduced
-    angular momentum half a step before (`labbook_dem.rotation`), whose spin is w.
+    angular momentum half a step before (`labbook_dem.rotation`), whose spin is w. Rows of clumps have all of these but
+    the axis.
     """
 
     grains: np.ndarray
     loads: np.ndarray
     body: np.ndarray  # where grains differ, of each: radius [m], mass [kg], moment of inertia [kg m^2], kind
+    clumps: np.ndarray  # of clumps, a row each; and their forces [N] and torques [N m]
+    clump_loads: np.ndarray
     ids: np.ndarray
     gone: np.ndarray  # 1 once the grain has crossed the outlet plane
     pair_i: np.ndarray
@@ -143,39 +150,49 @@ class State(NamedTuple):
     pose_first: np.ndarray
 
     @property
+    def moving(self) -> np.ndarray:
+        """Rows of what moves by itself, without ghosts: clumps, or else grains; a view, as all below."""
+        return (self.clumps if len(self.clumps) else self.grains)[:-GHOSTS]
+
+    @property
+    def moving_loads(self) -> np.ndarray:
+        """Forces and torques of the same rows."""
+        return (self.clump_loads if len(self.clumps) else self.loads)[:-GHOSTS]
+
+    @property
     def x(self) -> np.ndarray:
-        """Positions [m] of all rows but ghosts, shape [n, 3]; a view, as those below."""
-        return self.grains[:-GHOSTS, X : X + 3]
+        """Positions [m] of these rows, shape [n, 3]."""
+        return self.moving[:, X : X + 3]
 
     @property
     def v(self) -> np.ndarray:
         """Velocities [m/s] half a step before."""
-        return self.grains[:-GHOSTS, V : V + 3]
+        return self.moving[:, V : V + 3]
 
     @property
     def w(self) -> np.ndarray:
         """Spins [rad/s] half a step before."""
-        return self.grains[:-GHOSTS, W : W + 3]
+        return self.moving[:, W : W + 3]
 
     @property
     def m(self) -> np.ndarray:
-        """Reduced angular momenta [rad/s] half a step before; of rods."""
-        return self.grains[:-GHOSTS, M : M + 3]
+        """Reduced angular momenta [rad/s] half a step before; of rods and clumps."""
+        return self.moving[:, M : M + 3]
 
     @property
     def q(self) -> np.ndarray:
-        """Orientations, shape [n, 4]; of rods."""
-        return self.grains[:-GHOSTS, Q : Q + 4]
+        """Orientations, shape [n, 4]; of rods and clumps."""
+        return self.moving[:, Q : Q + 4]
 
     @property
     def u(self) -> np.ndarray:
         """Velocities [m/s] predicted for now."""
-        return self.grains[:-GHOSTS, U : U + 3]
+        return self.moving[:, U : U + 3]
 
     @property
     def f(self) -> np.ndarray:
         """Forces [N]."""
-        return self.loads[:-GHOSTS, F : F + 3]
+        return self.moving_loads[:, F : F + 3]
 
 
 SCRATCH = (
@@ -215,7 +232,8 @@ class Params(NamedTuple):
     c: coefficients between grains; wall_c: those of each wall [W, 8]. In a mixture radius is the largest; of K kinds,
     pair_c [K K, 8] has kinds a and b in row a K + b, and wall_c is [W K, 8].
 
-    half: half the length of a rod's segment [m]; slender: I_t/I_a - 1; inertia: I_t [kg m^2].
+    half: half the length of a rod's segment [m]; slender: I_t/I_a - 1; inertia: I_t [kg m^2]. Of clumps: slender and
+    flat as in `labbook_dem.clumps`; spheres [k, 3]: their centres in the body frame [m].
 
     walls [W, n]: numbers of each wall; wall_kind [W]; wall_motion [W, 4]: velocity and spin of its surface.
 
@@ -232,6 +250,8 @@ class Params(NamedTuple):
     radius: float
     half: float
     slender: float
+    flat: float
+    spheres: np.ndarray
     mass: float
     inertia: float
     gravity: float
@@ -258,20 +278,24 @@ class Params(NamedTuple):
 
 
 def allocate(
-    n: int, pairs: int, walls: int, near_walls: int, crossings: int, precision: str, layout: Layout
+    n: int, pairs: int, walls: int, near_walls: int, crossings: int, precision: str, layout: Layout, spheres: int = 1
 ) -> State:  # fmt: skip
-    """Zeroed arrays for n grains and the given numbers of listed pairs, walls, grains near them, and recorded
-    crossings."""
+    """Zeroed arrays for n grains, of `spheres` rows each, and the given numbers of listed pairs, walls, grains near
+    them, and recorded crossings."""
+    clumps = n + GHOSTS if layout.CLUMPS else 0
+    n *= spheres
     grains = _aligned((n + GHOSTS) * layout.GRAIN).reshape(-1, layout.GRAIN)
     grains[-1, X] = FAR
     return State(
         grains=grains,
         loads=loads(n),
         body=np.ones((n + GHOSTS if layout.VARIED else 0, BODY)),
+        clumps=_aligned(clumps * CLUMP).reshape(-1, CLUMP),
+        clump_loads=_aligned(clumps * LOAD).reshape(-1, LOAD),
         ids=np.zeros(n, np.int64),
         gone=np.zeros(n, np.uint8),
         **lists(pairs + PAD, walls, near_walls + PAD, layout)._asdict(),
-        cross=np.zeros((crossings, len(crossing_columns(layout.ORIENTED)))),
+        cross=np.zeros((crossings, len(crossing_columns(layout.ORIENTED or layout.CLUMPS)))),
         count=np.zeros(COUNTERS, np.int64),
         sums=np.zeros(SUMS),
         borrowed_i=np.zeros(PAD, np.int32),

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from labbook_dem.ensemble import LONGEST
-from labbook_dem.features import has_meshes, is_oriented, rolling_springs
+from labbook_dem.features import has_meshes, rolling_springs, rows_of_grain
 from labbook_dem.mesh import SPRING_KEY
 from labbook_dem.mesh_grid import first_features, shapes_of
 
@@ -23,7 +23,9 @@ def layout_of(scene: Scene) -> Layout:
 
 def array_names(scene: Scene) -> set[str]:
     """Names of the arrays of a State that checkpoints contain."""
-    return set(State._fields) - set(S.SCRATCH) - (set() if scene.grains.varied else {"body"})
+    layout = layout_of(scene)
+    unused = {"body": layout.VARIED, "clumps": layout.CLUMPS, "clump_loads": layout.CLUMPS}
+    return set(State._fields) - set(S.SCRATCH) - {name for name, used in unused.items() if not used}
 
 
 def check_state(arrays: Mapping[str, np.ndarray], scene: Scene, numerics: Numerics, crossings: bool = False) -> None:
@@ -41,10 +43,12 @@ def check_state(arrays: Mapping[str, np.ndarray], scene: Scene, numerics: Numeri
     layout, walls = layout_of(scene), len(scene.container.walls())
     lengths = {name: array.shape[0] if array.ndim else 0 for name, array in arrays.items()}
     rows, pairs, near = lengths["ids"], lengths["pair_i"] - S.PAD, lengths["wall_grain"] - S.PAD
-    if not (0 < rows <= scene.grains.count and pairs >= 0 and near >= 0):
-        raise ValueError(f"it has {rows} grains of {scene.grains.count}, and lists of {pairs} and {near}")
+    grains, remainder = divmod(rows, rows_of_grain(scene))
+    if not (0 < grains <= scene.grains.count and not remainder and pairs >= 0 and near >= 0):
+        raise ValueError(f"it has {grains} grains of {scene.grains.count}, and lists of {pairs} and {near}")
     template = S.allocate(0, 0, walls, 0, 0, numerics.precision, layout)._asdict()
     of_grains = {"grains": rows + S.GHOSTS, "loads": rows + S.GHOSTS, "body": rows + S.GHOSTS, "gone": rows}
+    of_grains |= {"clumps": grains + S.GHOSTS, "clump_loads": grains + S.GHOSTS}
     of_pairs = {"pair_j": pairs + S.PAD, "held": pairs + S.PAD, "spring": pairs + S.PAD}
     of_walls = {"wall_held": near + S.PAD, "wall_spring": (near + S.PAD) * layout.WALL_PARTS, "wall_first": walls + 1}
     expected_lengths = of_grains | of_pairs | of_walls | {"count": S.COUNTERS, "sums": S.SUMS}
@@ -52,8 +56,8 @@ def check_state(arrays: Mapping[str, np.ndarray], scene: Scene, numerics: Numeri
         shape = (expected_lengths.get(name, lengths[name]), *template[name].shape[1:])
         if array.shape != shape or array.dtype != template[name].dtype:
             raise ValueError(f"{name} has shape {array.shape} of {array.dtype}, not {shape} of {template[name].dtype}")
-    if lengths["cross"] not in (0, rows) or (crossings and lengths["cross"] < rows):
-        raise ValueError(f"cross has room for {lengths['cross']} grains of {rows}")
+    if lengths["cross"] not in (0, grains) or (crossings and lengths["cross"] < grains):
+        raise ValueError(f"cross has room for {lengths['cross']} grains of {grains}")
     _check_counters(arrays, rows, pairs, near)
     _check_lists(arrays, walls)
     _check_features(arrays, scene, layout)
@@ -98,7 +102,7 @@ def _check_lists(arrays: Mapping[str, np.ndarray], walls: int) -> None:
 def _check_features(arrays: Mapping[str, np.ndarray], scene: Scene, layout: Layout) -> None:
     """Raise ValueError if a spring at a mesh is not of one of its features."""
     shapes, first = shapes_of(scene.container.walls()), arrays["wall_first"]
-    bounds = first_features(shapes, is_oriented(scene))
+    bounds = first_features(shapes, layout.ORIENTED)
     for w in np.flatnonzero(np.diff(bounds)):
         entries = arrays["wall_held"][first[w] : first[w + 1]]
         bits = (entries[:, None] >> np.arange(layout.WALL_PARTS) & 1).astype(bool).ravel()
@@ -110,8 +114,13 @@ def _check_features(arrays: Mapping[str, np.ndarray], scene: Scene, layout: Layo
 
 def _check_grains(arrays: Mapping[str, np.ndarray], scene: Scene) -> None:
     n, pairs = int(arrays["count"][S.GRAINS]), int(arrays["count"][S.PAIRS])
-    ids = arrays["ids"][:n]
-    if n and not (ids.min() >= 0 and ids.max() < scene.grains.count and len(np.unique(ids)) == n):
+    per_grain = rows_of_grain(scene)
+    if n % per_grain:
+        raise ValueError(f"it has {n} spheres of clumps of {per_grain}")
+    ids = arrays["ids"][:n].reshape(-1, per_grain)
+    if not (ids == ids[:, :1]).all():
+        raise ValueError("the spheres of a clump have several ids")
+    if n and not (ids.min() >= 0 and ids.max() < scene.grains.count and len(np.unique(ids)) == len(ids)):
         raise ValueError(f"ids are not different ones of {scene.grains.count} grains")
     if arrays["grains"][-1, S.X] != S.FAR:
         raise ValueError("the last ghost is not far away")
@@ -119,7 +128,8 @@ def _check_grains(arrays: Mapping[str, np.ndarray], scene: Scene) -> None:
     springs = {"spring": pairs, "wall_spring": int(arrays["wall_first"][-1]) * parts}
     if not (arrays["sums"][[S.DEEPEST, S.FASTEST2]] >= 0).all():
         raise ValueError("the largest overlap or speed so far is negative or NaN")
-    for name, rows in ({"grains": n, "loads": n, "sums": S.OLDER_SUMS} | springs).items():
+    clumps = dict.fromkeys(("clumps", "clump_loads"), n // per_grain) if "clumps" in arrays else {}
+    for name, rows in ({"grains": n, "loads": n, "sums": S.OLDER_SUMS} | clumps | springs).items():
         if not np.isfinite(arrays[name][:rows]).all():
             row = int(np.argmin(np.isfinite(arrays[name][:rows]).reshape(rows, -1).all(axis=1)))
             raise ValueError(f"{name} is not finite in row {row}")

@@ -26,7 +26,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe, Traction
 from labbook.scene import Bodies, Clumps, Scene, Spherocylinders, TriangleMesh
 from labbook.scene.grains import MOST_SPHERES
-from labbook.scene.hulls import overlapping
+from labbook.scene.hulls import overlapping, sphere_centres
 from labbook.scene.orientation import axes
 from labbook.scene.packing import Packing
 from labbook.scene.periodic import nearest_images, tree
@@ -280,7 +280,7 @@ class Run(Standing):
         self.deepest = max(self.deepest, self.max_overlap)
         kick_dt = dt if self.step else 0.5 * dt  # the first brings velocities from a whole to a half step
         a, turns = forces.f / self.bodies.mass[:, None], forces.t / self.bodies.inertia[:, None]
-        v, m = self.v, self.m
+        v, m, centres = self.v, self.m, self._centres()
         self.v, self.m = kick(v, a, kick_dt), kick(m, turns, kick_dt)
         self.work += self._work(forces, (v + self.v) / 2, (m + self.m) / 2, kick_dt)
         moved, self.u, self.y = drift(self.x, self.v, dt), predict(self.v, a, dt), predict(self.m, turns, dt)
@@ -293,7 +293,14 @@ class Run(Standing):
             states = zip(self.q.tolist(), self.m.tolist(), strict=True)
             self.q = np.array([self._turned(w, x, y, z, vec3(*m_i)) for (w, x, y, z), m_i in states])
         self.step += 1
-        return self._guard() or self._leave()
+        return self._guard(centres) or self._leave()
+
+    def _centres(self) -> np.ndarray:
+        """Centres of the spheres of clumps [m], shape [n, k, 3]; of other grains their own, shape [n, 1, 3]."""
+        grains, centres = self.scene.grains, self.x
+        if isinstance(grains, Clumps) and self.q is not None:
+            centres = sphere_centres(grains, self.x, self.q)
+        return centres.reshape(len(self.x), -1, 3)
 
     def _turned(self, w: float, x: float, y: float, z: float, m: vec3) -> tuple[float, float, float, float]:
         """Orientation after a step of free motion."""
@@ -307,14 +314,16 @@ class Run(Standing):
         weight[:, 2] = -self.bodies.mass * self.scene.gravity
         return float(np.sum((forces.f - weight) * v) + np.sum(forces.t * self._spins(m))) * dt
 
-    def _guard(self) -> Failure | None:
-        """Return a failure if a grain, the end of a rod or a sphere of a clump is too fast or not finite."""
+    def _guard(self, centres: np.ndarray) -> Failure | None:
+        """Return a failure if a grain, the end of a rod or a sphere of a clump is too fast or not finite.
+
+        centres: where spheres of clumps were before the step [m], shape [n, k, 3].
+        """
         speed, grains = np.linalg.norm(self.v, axis=1), self.scene.grains
         if self.q is not None and isinstance(grains, Spherocylinders):
             speed = speed + grains.half_length * np.linalg.norm(np.cross(self.m, axes(self.q)), axis=1)
         elif isinstance(grains, Clumps):
-            farthest = max(float(np.linalg.norm(sphere.centre)) for sphere in grains.spheres)
-            speed = speed + farthest * np.linalg.norm(self._spins(self.m), axis=1)
+            speed = np.linalg.norm(self._centres() - centres, axis=2).max(axis=1) / self.numerics.dt
         wrong = ~(speed <= self.numerics.speed_limit)
         if wrong.any():
             worst = int(np.argmax(wrong))
@@ -424,10 +433,14 @@ class Run(Standing):
                 overlap2 = (ri + rj) * (ri + rj) - dot(away, away)
                 if overlap2 > 0:
                     of_spheres = *key, place_i, place_j
-                    force, on_i, on_j, spring, overlap = clumps.clump_on_clump(
-                        c, ri, rj, mi, mj, away, overlap2, lever_i, lever_j, u, v, pi, pj, wi, wj,
-                        *self._spring(of_spheres), self._rate(i), self._rate(j),
+                    of_sphere = clumps.sphere_velocity
+                    force, on_i, on_j, spring, overlap = spheres.sphere_on_sphere(
+                        c, ri, rj, mi, mj, away, overlap2, of_sphere(u, pi, lever_i) - of_sphere(NONE, pj, lever_j),
+                        of_sphere(v, wi, lever_i) - of_sphere(NONE, wj, lever_j), wi, wj, *self._spring(of_spheres),
+                        self._rate(i), self._rate(j),
                     )  # fmt: skip
+                    on_i = clumps.torque_on_clump(on_i, force, lever_i)
+                    on_j = clumps.torque_on_clump(on_j, -force, lever_j)
                     self._touch(total, i, j, of_spheres, (force, on_i, on_j, spring, overlap), branch)
         elif isinstance(grains, Spherocylinders):
             ai, aj = vec3(*now.axis[i].tolist()), vec3(*now.axis[j].tolist())

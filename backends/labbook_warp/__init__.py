@@ -28,6 +28,7 @@ class Backend(DemBackend):
         rods_at_meshes=True,
         moving_parts=True,
         periodic=True,
+        clumps=True,
     )
 
     def __init__(self, lanes: int | None = None, *, wide: bool = False):

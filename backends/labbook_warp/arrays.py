@@ -302,10 +302,11 @@ class Arrays:
             for first, count, place in _runs(sorted(records)):
                 wp.copy(array, together, first, place, count)
 
-    def of_slot(self, slot: int, rows: int) -> "SlotState":
-        """Return the state of the first `rows` rows of a slot; each array is read on access."""
+    def of_slot(self, slot: int, rows: int, per_grain: int = 1) -> "SlotState":
+        """Return the state of the first `rows` rows of a slot, `per_grain` of each grain; each array is read on
+        access."""
         read = partial(self.read, slot=slot, rows=rows)
-        return SlotState(self.sizes, self.state, self.codec, bool(self.module.ORIENTED), read)
+        return SlotState(self.sizes, self.state, self.codec, bool(self.module.ORIENTED), per_grain, read)
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,7 +317,8 @@ class SlotState:
         sizes: capacities of the arrays.
         kinds: key of `Sizes.entries` for each array.
         codec: decoder of the shared state of grains.
-        oriented: True if grains have an orientation.
+        oriented: True if rows have an orientation.
+        per_grain: rows of a grain: its spheres, if it is a clump.
         read: function that returns an array by its name, as `Arrays.read` does.
     """
 
@@ -324,6 +326,7 @@ class SlotState:
     kinds: Mapping[str, str]
     codec: Codec
     oriented: bool
+    per_grain: int
     read: Callable[[str], np.ndarray]
 
     def stored(self) -> "SlotState":
@@ -332,7 +335,10 @@ class SlotState:
         return replace(self, read=blocks.__getitem__)
 
     def states(self) -> States:
-        """Return the states of all rows."""
+        """Return the states of the grains of all rows; of a clump its own, in the rows of all its spheres."""
+        if "clump_x" in self.kinds:
+            names = ("clump_x", "clump_v", "clump_m", "turned")
+            return States(*(np.repeat(self.read(name)[:: self.per_grain], self.per_grain, axis=0) for name in names))
         x, v, m = self.codec.decode(self.read("p"))
         if not self.oriented:
             return States(x, v, m)

@@ -39,7 +39,8 @@ class Beat:
         compiling.wait_for(self.kernels)
         fit = self.fit_at_once()
         # programs take turns on a GPU, each with all of it, unless they share it through the Multi-Process Service
-        self._several = fit and self.kernels.SHARED and not self.kernels.POSES and not shared_with_others()
+        at_once = self.kernels.SHARED and not self.kernels.POSES and not self.kernels.CLUMPS
+        self._several = fit and at_once and not shared_with_others()
         groups = _GROUPS if self.device.is_cuda and self._slots > 1 and not fit else 0
         self._streams = [wp.Stream(self.device) for _ in range(groups)]
         self._graphs: dict[tuple[int, ...], Any] = {}
@@ -161,6 +162,8 @@ class Beat:
         for sub in range(first, first + some, at_once):
             self._meet_walls(here, True, slot, slots)
             self._launch(self.kernels.step, threads, here, there, slot, sub, at_once, self._arrived)
+            if self.kernels.CLUMPS:
+                self._launch(self.kernels.move_clumps, threads // self.lanes, here, there, slot, sub)
             if self.kernels.POSES:
                 self._launch(self.kernels.tick, slots, slot)
             here, there = there, here
@@ -211,6 +214,8 @@ class Beat:
         self._list_rows_near_walls()
         self._meet_walls(self.arrays.p, False, 0, self._slots)
         self._launch(self.kernels.whole_step, self._rows * self.lanes, self.arrays.p, *self._whole_step_arrays)
+        if self.kernels.CLUMPS:
+            self._launch(self.kernels.whole_step_of_clumps, self._rows, *self._whole_step_arrays)
         return self._whole_step_arrays[0], self._whole_step_arrays[1]
 
     def kinetic(self, v: Any, w: Any):

@@ -20,6 +20,7 @@ from labbook_warp.codec import Codec, kernel_text
 from labbook_warp.kernels import (
     beside,
     bodies,
+    clumps,
     forces,
     neighbours,
     observe,
@@ -33,9 +34,10 @@ from labbook_warp.kernels import (
     words,
 )
 from labbook_warp.shapes import SHAPES
-from labbook_warp.spec import most_parts, plate_parts
+from labbook_warp.spec import has_rods, most_parts, plate_parts
 
 OF_WORDS = ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_FORCE", "BAD_OVERLAP", "NO_NUMBER", "REPORTED")
+OF_CLUMPS = ("NEVER_LISTED", "MOST_SPHERES")
 _UNROLL_OF_MESHES = 4  # loops over places of springs stay loops
 OF_MESHES = ("CROWDED", "MESH_LISTED", "FIRST_PARTS", "MESH_NUMBER")
 
@@ -45,9 +47,12 @@ def _edges(parts: int) -> int:
     return -0x33333334 if parts == 4 else 0  # 0xCCCCCCCC
 
 
-def _system_text(meshes: bool) -> str:
-    """Source of `kernels.system`, without the arrays of meshes if a scene has none."""
+def _system_text(meshes: bool, of_clumps: bool) -> str:
+    """Source of `kernels.system`, without the arrays and functions of meshes and clumps if a scene has none."""
     text = source.device_source(system)
+    if not of_clumps:
+        text = re.sub(r"    # of clumps only.*?(?=    # of scenes with a mesh only)", "", text, flags=re.DOTALL)
+        text = re.sub(r"@func\ndef (of_one_clump|clump_row)\(.*?(?=@func)", "", text, flags=re.DOTALL)
     if not meshes:
         text = re.sub(r"    # of scenes with a mesh only.*?\n\n", "\n", text, flags=re.DOTALL)
     return f"# {system.__name__}\n{text}"
@@ -74,10 +79,15 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     own, meshes, moves = SHAPES[grains], bool(spec.feature("MESHES")), bool(spec.feature("POSES"))
     of_shape = own.mesh_kernels if meshes else own.kernels
     hold(f"the shape {grains} in labbook_warp", shape, of_shape)
-    codec, entries, turns = Codec(precision == "mixed", own.shared_fields), most_parts(spec), spec.feature("ORIENTED")
+    codec, entries = Codec(precision == "mixed", own.shared_fields), most_parts(spec)
+    # rows of clumps are spheres without an orientation
+    of_clumps, turns = grains == "clump", has_rods(spec)
     together = [kind for kind in kinds if dispatch.finds_edges_together(kind)]
     constants: dict[str, object] = {
         **features.constants(spec),
+        "ORIENTED": turns,
+        "VARIED": bool(spec.feature("VARIED")) or of_clumps,
+        "CLUMPS": of_clumps,
         "FINE": precision == "double",
         "UNIFORM": uniform,
         "LANES": lanes,
@@ -95,21 +105,22 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
         "EDGES": _edges(entries),
         "TORQUES": spec.feature("FRICTION") or turns,
         "REACH": own.reach,
-        "COLUMNS": 17 if turns else 13,
+        "COLUMNS": 17 if spec.feature("ORIENTED") else 13,
     }
-    constants |= {name: getattr(words, name) for name in OF_WORDS}
+    constants |= {name: getattr(words, name) for name in (*OF_WORDS, *(OF_CLUMPS if of_clumps else ()))}
     # the formulas of frustums are there for `rod_walls`, whether a scene has one or not
     physics = [WALLS[kind] for kind in dict.fromkeys((*kinds, *(("frustum",) if turns else ())))]
     physics = [contact, *modules_of(str(spec.feature("law"))), motion, images, *physics, *PHYSICS[grains].physics]
     modules = [
-        _system_text(meshes),
+        _system_text(meshes, of_clumps),
         *(_mesh_texts(turns, moves) if meshes else []),
         *([parts] if moves else []),
         kernel_text(codec),
         walls,
         dispatch.functions(kinds, turns, "load_wide(walls, w * WALL_NUMBERS + {k})"),
     ]
-    modules += [bodies, sums, *of_shape, forces, step, neighbours, observe, *([beside] if apart else [])]
+    modules += [bodies, sums, *of_shape, forces, step, neighbours]
+    modules += [*([clumps] if of_clumps else []), observe, *([beside] if apart else [])]
     if any(isinstance(probe, Traction) for probe in spec.probes):
         physics, modules = [*physics, traction_sums], [*modules, traction]
         constants.update(SUMS=traction_sums.SUMS, WALL_COLUMNS=traction_sums.WALL_COLUMNS)
@@ -120,8 +131,10 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
             constants.setdefault(name, value)
     header = dialect.header(precision, registers, apart, unroll, several=lanes > 1, meshes=meshes)
     text = source.generate(header, constants, physics, modules)
-    # kernels of scenes without parts that move have the text that they would have if no part could
-    return text if moves else source.without(text, "POSES")
+    # kernels of scenes without parts that move, or clumps, have the text that they would have if there were none
+    for switch, on in {"POSES": moves, "CLUMPS": of_clumps}.items():
+        text = text if on else source.without(text, switch)
+    return text
 
 
 @lru_cache(maxsize=64)

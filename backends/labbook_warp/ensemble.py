@@ -107,6 +107,7 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
                     run.left = report_of_slot.left
                     run.step += self._spec.steps_per_beat
                     run.crossed = report.crossings(run.slot)
+                    run.crossed[:, 0] //= run.per_grain  # kernels know ids of rows
                     continue
                 if report_of_slot.fail == NO_FAILURE:
                     to_repeat.append(run)
@@ -141,7 +142,7 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
     def _set_failure(self, run: Run, word: int) -> None:
         # The step stands in the highest bits: the smallest word, which kernels keep, is of the first failure.
         step, guard, grain = word >> 26, GUARDS[word >> 24 & 3], word & (MOST_GRAINS - 1)
-        value = self._stage.bad_value(run, grain)
+        value, grain = self._stage.bad_value(run, grain), grain // run.per_grain
         value = math.inf if value > NO_NUMBER else value
         message = explain(guard, grain, step, value, run.scene, run.numerics)
         run.failure = ensemble.Failure(guard, step, grain, message)

@@ -8,7 +8,7 @@ from typing import Any
 import warp as wp
 from labbook_dem.mesh import CONTACT_COLUMNS, CONTACT_ROWS, MESH_CONTACTS, SPHERE_ROWS
 
-from labbook_warp.kernels.words import MESH_LISTED, MOST_CONTACTS
+from labbook_warp.kernels.words import MESH_LISTED, MOST_CONTACTS, MOST_SPHERES
 from labbook_warp.shapes import SHAPES
 
 
@@ -149,6 +149,9 @@ def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[ArrayS
         }
         lengths["mesh_contacts"] = (seats if module.SHARED else rows) * contact_rows(module) * CONTACT_COLUMNS
     lengths |= {"overflow": 3 * slots, "any_flag": 1, "crossed": 1, "cross": module.COLUMNS * rows if crossings else 1}
+    if module.CLUMPS:
+        lengths |= {"sphere_force": rows, "sphere_torque": rows}
+        lengths |= {"clump_size": slots, "clump_flat": slots, "clump_spheres": slots * MOST_SPHERES}
     lengths |= {"cell_count": slots * sizes.cells, "cell_rows": slots * sizes.cells * sizes.depth}
     for name in WORDS_OF_STATE:
         yield ArrayShape(name, module.word, rows * module.WORDS)

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from labbook_dem.features import is_oriented, mesh_moves
+from labbook_dem.features import has_rods, mesh_moves
 from labbook_dem.mesh_grid import MeshGrids, first_features, mesh_reach, shapes_of
 
-from labbook.scene import TriangleMesh
+from labbook.scene import Clumps, TriangleMesh
 from labbook_warp.run import Run
 
 Key = tuple[TriangleMesh, float]
@@ -30,7 +30,7 @@ class MeshTables:
             return False
         self._rows = {key: row for row, key in enumerate(needed)}
         shapes = [shape for shape, _ in needed]
-        rods = any(is_oriented(run.scene) for run in runs)
+        rods = any(has_rods(run.scene) for run in runs)
         grids = MeshGrids.of(shapes, [reach for _, reach in needed], rods)
         wide = {
             "mesh_frame": grids.frame,
@@ -56,6 +56,7 @@ class MeshTables:
 def _keys(run: Run) -> list[Key | None]:
     """The mesh of each wall of a member."""
     grains = run.scene.grains
-    reach = mesh_reach(grains.reach, mesh_moves(run.scene, run.numerics))
+    reach = grains.radius if isinstance(grains, Clumps) else grains.reach  # rows of clumps are spheres
+    reach = mesh_reach(reach, mesh_moves(run.scene, run.numerics))
     shapes = shapes_of(run.scene.container.walls())
     return [(shape, reach) if isinstance(shape, TriangleMesh) else None for shape in shapes]

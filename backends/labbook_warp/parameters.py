@@ -9,11 +9,12 @@ import numpy as np
 from labbook_dem import features
 from labbook_dem.contact import rolling_rate
 from labbook_dem.laws import LAWS
-from labbook_dem.rotation import slenderness
+from labbook_dem.rotation import flatness, slenderness
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
-from labbook.scene import Scene
+from labbook.scene import Clumps, Scene
+from labbook.scene.grains import MOST_SPHERES
 from labbook_warp.shapes import SHAPES
 
 DEEP = 0.25
@@ -43,6 +44,14 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     record.quantum_f, record.quantum_t = _quantum(force), _quantum(force * (r + grains.overhang))
     record.per_quantum_f, record.per_quantum_t = 1 / record.quantum_f, 1 / record.quantum_t
     return record
+
+
+def clump_tables(grains: Clumps) -> dict[str, np.ndarray]:
+    """Number of spheres, moments and centres of spheres of a slot's clumps; see `kernels.system.System`."""
+    centres = np.zeros((MOST_SPHERES, 3))
+    centres[: len(grains.spheres)] = [sphere.centre for sphere in grains.spheres]
+    numbers = {"clump_size": np.array([len(grains.spheres)], np.int32), "clump_flat": np.array([flatness(grains)])}
+    return {**numbers, "clump_spheres": centres}
 
 
 def largest_force(scene: Scene, numerics: Numerics) -> float:
@@ -87,7 +96,8 @@ def same_material(runs: Iterable[tuple[Scene, Numerics]]) -> bool:
 
 def listing_distance(scene: Scene, numerics: Numerics) -> float:
     """Largest distance [m] between the centres of listed neighbours."""
-    return scene.grains.diameter * (1 + numerics.skin) + 2 * scene.grains.overhang
+    overhang = 0.0 if isinstance(scene.grains, Clumps) else scene.grains.overhang  # lists of clumps are of spheres
+    return scene.grains.diameter * (1 + numerics.skin) + 2 * overhang
 
 
 def cell_size(scene: Scene, numerics: Numerics) -> float:

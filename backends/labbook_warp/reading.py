@@ -63,15 +63,15 @@ class ReadableRun(Run, Standing):
     def look(self, moving: bool = True, inside: Inside | None = None) -> Grains:
         """Return its grains; v, w and m are half a step old unless `moving`."""
         arrays, slot, n = self.view.stage.arrays, self.slot, self.rows
-        state = arrays.of_slot(slot, n)
+        state = arrays.of_slot(slot, n, self.per_grain)
         x, v_half, m_half, q = state.states()
         v, m = self.view.whole_step(self) if moving else (v_half, m_half)
         ids = arrays.read("ids", slot, n).astype(np.int64)
-        order = transfer.present_rows(x, ids, inside)
+        order = transfer.present_rows(x, ids, inside)[:: self.per_grain]
         m, now = m[order], None if q is None else q[order]
         bodies = transfer.bodies(state, self.scene, order)
         w = spins(self.scene.grains, m, now)
-        return Grains(ids[order], x[order], v[order], w, m, v_half[order], m_half[order], now, bodies)
+        return Grains(ids[order] // self.per_grain, x[order], v[order], w, m, v_half[order], m_half[order], now, bodies)
 
     def layer(self, slab: Slab) -> SlabGrains:
         """Return its grains in a slab."""

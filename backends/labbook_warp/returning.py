@@ -45,7 +45,8 @@ def read_tops(arrays: Arrays, heights: Mapping[int, float]) -> Tops:
         arrays: arrays of the members.
         heights: height z [m] by slot; of other slots no grain is read.
     """
-    sizes, device, oriented = arrays.sizes, arrays.device, bool(arrays.module.ORIENTED)
+    sizes, device, module = arrays.sizes, arrays.device, arrays.module
+    oriented = bool(module.ORIENTED or module.CLUMPS)
     low = np.full(sizes.slots, np.inf)
     for slot, height in heights.items():
         low[slot] = height
@@ -55,8 +56,11 @@ def read_tops(arrays: Arrays, heights: Mapping[int, float]) -> Tops:
     counter = wp.zeros(1, dtype=wp.int32, device=device)
     out = wp.empty(_COLUMNS * sizes.rows if heights else 1, dtype=wp.float64, device=device)
     heights_there = wp.array(low, dtype=wp.float64, device=device)
-    stride = words.shape[0] // sizes.rows
-    inputs = [words, stride, sizes.cap, arrays.system.rows, 0.5 * PARKED, heights_there, turned, oriented]
+    centres = _as(arrays.system.clump_x, wp.float64) if module.CLUMPS else words
+    strides = [array.shape[0] // sizes.rows for array in (words, centres)]
+    per_grain = arrays.system.clump_size if module.CLUMPS else wp.ones(sizes.slots, dtype=wp.int32, device=device)
+    inputs = [words, centres, *strides, sizes.cap, arrays.system.rows, per_grain, 0.5 * PARKED, heights_there]
+    inputs += [turned, oriented]
     wp.launch(_read, sizes.rows, [*inputs, left, counter, out], device=device)
     records = fetch(out, 0, _COLUMNS * int(fetch(counter)[0])).reshape(-1, _COLUMNS)
     rows = records[:, 0].astype(np.int64)
@@ -69,9 +73,12 @@ def read_tops(arrays: Arrays, heights: Mapping[int, float]) -> Tops:
 @wp.kernel(enable_backward=False)
 def _read(
     words: wp.array(dtype=wp.float64),
+    centres: wp.array(dtype=wp.float64),
     stride: int,
+    stride_of_centres: int,
     cap: int,
     rows: wp.array(dtype=wp.int32),
+    per_grain: wp.array(dtype=wp.int32),
     parked: wp.float64,
     low: wp.array(dtype=wp.float64),
     turned: wp.array(dtype=wp.float64),
@@ -80,20 +87,21 @@ def _read(
     counter: wp.array(dtype=wp.int32),
     out: wp.array(dtype=wp.float64),
 ):
-    """Mark the rows whose grain has left; append those above `low` of their slot, in any order.
+    """Mark the rows whose grain has left; append the first row of each grain above `low` of its slot, in any order.
 
-    The first three doubles of a row are the position, in either precision (`labbook_warp.codec`).
+    The first three doubles of a row of words are a position, in either precision (`labbook_warp.codec`). Of clumps it
+    is that of a sphere; their own are in `centres`, in the row of the first sphere.
     """
     i = wp.tid()
     s = i // cap
-    if i - s * cap < rows[s]:
-        z = words[i * stride + 2]
-        if z > parked:
-            if z > low[s]:
+    r = i - s * cap
+    if r < rows[s]:
+        if words[i * stride + 2] > parked:
+            if r % per_grain[s] == 0 and centres[i * stride_of_centres + 2] > low[s]:
                 at = 8 * wp.atomic_add(counter, 0, 1)
                 out[at] = wp.float64(i)
                 for c in range(3):
-                    out[at + 1 + c] = words[i * stride + c]
+                    out[at + 1 + c] = centres[i * stride_of_centres + c]
                 if oriented:
                     for c in range(4):
                         out[at + 4 + c] = turned[4 * i + c]

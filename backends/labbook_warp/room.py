@@ -5,8 +5,8 @@ from dataclasses import replace
 from types import ModuleType
 
 import warp as wp
+from labbook_dem.features import rows_of_grain
 from labbook_dem.mesh import MESH_CONTACTS
-from labbook_dem.shapes import SHAPES as PHYSICS
 
 from labbook.backend import Overflow, Spec
 from labbook.backend.probes import Contacts, Dissipation
@@ -55,7 +55,7 @@ def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
 
 def with_spare_rows(sizes: Sizes, runs: Collection[Run]) -> Sizes:
     """Sizes with rows for all grains of these members, and for some that return beside those that have left."""
-    rows = max(max(run.rows, run.scene.grains.count) for run in runs)
+    rows = max(max(run.rows, run.scene.grains.count * run.per_grain) for run in runs)
     return replace(sizes, cap=max(sizes.cap, rounded(rows + rows // SPARE)))
 
 
@@ -95,7 +95,7 @@ def closed_up(sizes: Sizes, runs: Collection[Run]) -> Sizes:
     """
     if sizes.slots > 1 or sizes.cap < LARGE:
         return sizes
-    cap = max((rounded(run.grains) for run in runs), default=sizes.cap)
+    cap = max((rounded(run.rows - run.left) for run in runs), default=sizes.cap)
     return replace(sizes, cap=cap) if 2 * cap <= sizes.cap else sizes
 
 
@@ -131,7 +131,7 @@ def lanes(sizes: Sizes, device: wp.Device, requested: int | None) -> int:
     if not device.is_cuda:
         return 1
     if requested:
-        shared = sizes.parts if PHYSICS[sizes.shape].oriented else 1
+        shared = sizes.parts if sizes.shape == "spherocylinder" else 1
         return max(requested, shared) if requested > 1 else 1
     return next((threads for rows, threads in SHAPES[sizes.shape].threads if sizes.rows <= rows), 1)
 
@@ -143,7 +143,7 @@ def records_crossings(spec: Spec) -> bool:
 
 def largest(spec: Spec, scene: Scene) -> Sizes:
     """Largest sizes that one member of a scene may need."""
-    n = scene.grains.count
+    n = scene.grains.count * rows_of_grain(scene)
     walls, rows = len(scene.container.walls()), n if scene.feed is None else n + n // SPARE
     return replace(empty(spec, 1), cap=rounded(rows), near=MOST_NEAR, walls=walls, cells=max_cells(n), depth=DEPTH + 4)
 

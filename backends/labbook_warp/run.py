@@ -6,13 +6,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from labbook_dem.ensemble import NOT_RECORDED, Failure
+from labbook_dem.features import rows_of_grain
 from labbook_dem.ledger import kinetic
 from labbook_dem.rotation import momenta
 
 from labbook.backend import Checkpoint
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
-from labbook.scene import Bodies, Packing, Scene
+from labbook.scene import Bodies, Clumps, Packing, Scene
+from labbook.scene.hulls import sphere_centres
 from labbook_warp.parameters import cell_size, lattice
 from labbook_warp.shapes import SHAPES
 
@@ -25,7 +27,7 @@ class Run:
         begin: packing or checkpoint to start from, until the member has a slot.
         slot: number of its slot, -1 without one.
         rows: rows of its slot, including grains that have left.
-        left: grains that have left, of these rows.
+        left: those of these rows whose grain has left.
         names: names of its walls.
     """
 
@@ -49,7 +51,7 @@ class Run:
     lattice: tuple[int, ...] = ()
     """Numbers of cells along x, y, z."""
     ids: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-    """Ids of the grains by row; shorter than `rows` until they are read from the device."""
+    """Ids of the rows (`transfer.row_ids`); shorter than `rows` until they are read from the device."""
     free: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     """Rows whose grain left before the last beat: no list refers to them any more, and another grain may take them."""
     empty: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
@@ -66,9 +68,12 @@ class Run:
             positions = self.begin.arrays["origin"]
         else:
             assert self.begin is not None
-            Bodies.of(self.scene.grains, self.begin)  # an error now, not when it gets a slot
-            self.rows = len(self.begin)
+            grains, q = self.scene.grains, self.begin.q
+            Bodies.of(grains, self.begin)  # an error now, not when it gets a slot
+            self.rows = len(self.begin) * self.per_grain
             positions = self.begin.x
+            if isinstance(grains, Clumps) and q is not None:
+                positions = sphere_centres(grains, positions, q)
         cell, reach = cell_size(self.scene, self.numerics), SHAPES[self.scene.grains.shape].reach
         self.lattice = lattice(positions, cell, reach, self.scene.container.period)
 
@@ -93,7 +98,7 @@ class Run:
         """Give rows to these grains: free ones, then some behind the others.
 
         Args:
-            grains: ids, shape [n].
+            grains: ids of the rows, shape [n].
 
         Returns:
             All their rows, shape [n], and those of them that other grains had.
@@ -108,9 +113,14 @@ class Run:
         return rows, again
 
     @property
+    def per_grain(self) -> int:
+        """Rows of a grain: its spheres, if it is a clump."""
+        return rows_of_grain(self.scene)
+
+    @property
     def grains(self) -> int:
         """Number of grains that have not left."""
-        return self.rows - self.left
+        return (self.rows - self.left) // self.per_grain
 
     @property
     def cells(self) -> int:

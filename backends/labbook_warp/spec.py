@@ -13,6 +13,11 @@ from labbook.scene import Scene
 from labbook_warp.kernels.words import MOST_CONTACTS, MOST_GRAINS
 
 
+def has_rods(spec: Spec) -> bool:
+    """True if rows of grains are rods, with an axis: those of clumps are spheres."""
+    return bool(spec.feature("ORIENTED")) and spec.feature("shape") != "clump"
+
+
 def most_parts(spec: Spec) -> int:
     """Contacts that a grain may have with one wall."""
     return MESH_CONTACTS if spec.feature("MESHES") else plate_parts(spec)
@@ -20,7 +25,7 @@ def most_parts(spec: Spec) -> int:
 
 def plate_parts(spec: Spec) -> int:
     """Contacts that a grain may have with one wall that is no mesh."""
-    return dispatch.most_parts(spec.feature("walls")) if spec.feature("ORIENTED") else 1
+    return dispatch.most_parts(spec.feature("walls")) if has_rods(spec) else 1
 
 
 def specialise(
@@ -44,8 +49,9 @@ def specialise(
     Raises:
         Unsupported: the backend lacks a feature, or has too few numbers for the grains.
     """
-    if scene.grains.count > MOST_GRAINS:
-        remedy = f"the backend warp numbers at most {MOST_GRAINS} grains; use fewer, or the backend numba"
+    if scene.grains.count * features.rows_of_grain(scene) > MOST_GRAINS:
+        limit = f"{MOST_GRAINS} grains, or spheres of clumps"
+        remedy = f"the backend warp numbers at most {limit}; use fewer, or the backend numba"
         raise Unsupported("grains.count", remedy)
     spec = features.specialise(capabilities, scene, numerics, probes, wide)
     listed = len(scene.container.walls()) * (parts or most_parts(spec)) > MOST_CONTACTS

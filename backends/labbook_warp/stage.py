@@ -13,7 +13,7 @@ from labbook_dem.mesh_grid import mesh_reach
 
 from labbook.backend import Capabilities, Checkpoint, Spec
 from labbook.backend.numerics import Numerics
-from labbook.scene import Scene
+from labbook.scene import Clumps, Scene
 from labbook.scene.packing import Packing
 from labbook_warp import room, transfer
 from labbook_warp.arrays import Arrays, SlotState, fetch
@@ -21,7 +21,7 @@ from labbook_warp.beat import Beat
 from labbook_warp.compiling import mixed
 from labbook_warp.layout import EXTREMES, Sizes
 from labbook_warp.meshes import MeshTables
-from labbook_warp.parameters import cell_size, material, place, same_material
+from labbook_warp.parameters import cell_size, clump_tables, material, place, same_material
 from labbook_warp.poses import PoseTables
 from labbook_warp.report import Report, collect
 from labbook_warp.returning import read_rows, write_rows
@@ -160,7 +160,7 @@ class Stage:
         fits = [
             (run, grains, half_v)
             for run, grains, half_v in returning
-            if run.rows + len(grains) - len(run.free) <= self._sizes.cap
+            if run.rows + len(grains) * run.per_grain - len(run.free) <= self._sizes.cap
         ]
         if fits and not self._append(fits):
             fits = []
@@ -186,7 +186,7 @@ class Stage:
             assert grains.ids is not None
             plane, _ = features.planes(run.scene, run.probes)
             parts.append(transfer.entering(arrays, run.scene, grains, half_v, plane))
-            own, reused[run] = run.takes(grains.ids)
+            own, reused[run] = run.takes(transfer.row_ids(grains.ids, run.per_grain))
             rows.append(run.slot * cap + own)
         self._count_work(reused)
         together = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -244,7 +244,7 @@ class Stage:
     def set_velocities(self, run: Run, ids: np.ndarray, v: np.ndarray) -> None:
         """Set velocities [m/s] of grains of a member: half a step before, and the predicted ones."""
         self.seat()
-        transfer.set_velocities(self.arrays, run.slot, run.rows, ids, v)
+        transfer.set_velocities(self.arrays, run.slot, run.rows, run.scene, ids, v)
         self._has_changed(run)
 
     def _put(self, run: Run) -> None:
@@ -281,8 +281,10 @@ class Stage:
     def _tables(self, run: Run) -> dict[str, np.ndarray]:
         """Coefficients of pairs of kinds, and tables of walls, by the names of their arrays."""
         tables: dict[str, np.ndarray] = {}
-        if run.scene.grains.varied:
+        if self.arrays.module.VARIED:
             tables["pair_c"] = features.pair_table(run.scene, run.numerics)
+        if isinstance(run.scene.grains, Clumps):
+            tables |= clump_tables(run.scene.grains)
         if run.names:
             walls, width = features.wall_tables(run.scene, run.numerics), self.arrays.module.WALL_NUMBERS
             numbers = np.pad(walls.numbers, ((0, 0), (0, width - walls.numbers.shape[1])))
@@ -528,9 +530,9 @@ class Stage:
         self._has_changed(run)
 
     def bad_value(self, run: Run, grain: int) -> float:
-        """Return the overlap [m] or speed [m/s] with which a grain failed."""
+        """Return the overlap [m] or speed [m/s] with which a grain failed; grain: id of its row."""
         rows = np.flatnonzero(self.arrays.read("ids", run.slot, run.rows) == grain)
-        x = self.arrays.of_slot(run.slot, run.rows).states().x[rows]
+        x = self.arrays.of_slot(run.slot, run.rows, run.per_grain).states().x[rows]
         row = int(rows[np.argmax(x[:, 2])])  # other rows with its id are of when it left
         return float(fetch(self.arrays.system.bad, run.slot * self._sizes.cap + row, 1)[0])
 
@@ -555,7 +557,7 @@ class Stage:
         numbers = {"step": np.array(run.step), "rebuilds": np.array(run.rebuilds)}
         extremes = [arrays.part(getattr(system, name), run.slot, 1, 1)[0] for name in EXTREMES]
         numbers["most"] = np.array(extremes, np.float64)
-        return arrays.of_slot(run.slot, run.rows), numbers
+        return arrays.of_slot(run.slot, run.rows, run.per_grain), numbers
 
 
 def usual_check(runs: Sequence[Run]) -> int:

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 
 import numpy as np
 from labbook_dem.ensemble import LONGEST, check_checkpoint
-from labbook_dem.features import is_oriented
+from labbook_dem.features import has_rods, rows_of_grain
 from labbook_dem.mesh_grid import first_features, shapes_of
 
 from labbook.backend import Capabilities, Checkpoint, Spec
 from labbook.backend.numerics import Numerics
-from labbook.scene import Scene
+from labbook.scene import Clumps, Scene
 from labbook_warp.codec import Codec
 from labbook_warp.kernels.words import MOST_CONTACTS
 from labbook_warp.layout import state
@@ -21,6 +21,7 @@ _NUMBERS = ("step", "rebuilds")
 _NEWER = frozenset({"most"})
 """Arrays that older checkpoints lack."""
 _WIDE = {"origin": 3, "facing": 3, "turned": 4, "body": 4, "work": 0, "deep": 0}
+_WIDE |= {"clump_x": 3, "clump_v": 3, "clump_m": 3}
 _REAL = {"spring": 3, "wall_spring": 3, "rolling": 3, "wall_rolling": 3, "momentum": 4}
 _WHOLE = ("ids", "gone", "count", "nbr", "wall_seat", "wall_feature")
 """Types of arrays, with numbers an entry; all others are masks of 32 bits."""
@@ -40,7 +41,8 @@ def check(can: Capabilities, spec: Spec, scene: Scene, numerics: Numerics, store
         ValueError: no member of `scene` with `spec` can have left this checkpoint; the message names the array.
     """
     listed, rolling = spec.feature("LISTED"), spec.feature("ROLLING_SPRING")
-    entries = state(scene.grains.shape, scene.grains.varied, listed, rolling, spec.feature("MESHES"))
+    per_grain, varied = rows_of_grain(scene), scene.grains.varied or isinstance(scene.grains, Clumps)
+    entries = state(scene.grains.shape, varied, listed, rolling, spec.feature("MESHES"))
     check_checkpoint(can, {"p", *entries, *_NUMBERS, "past_work", *_NEWER}, stored, _NEWER)
     arrays = {name: np.asarray(array) for name, array in stored.arrays.items()}
     codec, real = (
@@ -49,7 +51,7 @@ def check(can: Capabilities, spec: Spec, scene: Scene, numerics: Numerics, store
     )
     n = len(arrays["ids"]) if arrays["ids"].ndim else -1
     near, walls = (len(arrays[name]) if arrays[name].ndim else 0 for name in ("nbr", "wall_spring"))
-    if not (0 <= n <= scene.grains.count and 0 < near <= MOST_NEAR and walls > 0):
+    if not (0 <= n <= scene.grains.count * per_grain and n % per_grain == 0 and 0 < near <= MOST_NEAR and walls > 0):
         raise ValueError(f"it has {n} grains of {scene.grains.count}, {near} neighbours a grain and {walls} walls")
     parts = most_parts(spec)
     leading_shapes = {"one": (n,), "near": (near, n), "walls": (walls, n), "seats": (walls // parts, n)}
@@ -83,12 +85,17 @@ def _check_lists(arrays: Mapping[str, np.ndarray], scene: Scene, n: int, near: i
     count = len(scene.container.walls())
     if len(arrays["wall_spring"]) < (walls := min(count, MOST_CONTACTS // parts) * parts):
         raise ValueError(f"wall_spring is of {len(arrays['wall_spring'])} walls, not of {walls}")
-    limits = {"ids": scene.grains.count, "gone": 2, "count": near + 1, "nbr": max(n, 1), "wall_seat": max(count, 1)}
+    per_grain = rows_of_grain(scene)
+    limits = {"ids": scene.grains.count * per_grain, "gone": 2, "count": near + 1, "nbr": max(n, 1)}
+    limits["wall_seat"] = max(count, 1)
     for name, limit in limits.items():
         if name in arrays and arrays[name].size and not (arrays[name].min() >= 0 and arrays[name].max() < limit):
             raise ValueError(f"{name} is not within 0 to {limit - 1}")
     if len(np.unique(arrays["ids"])) != n:
         raise ValueError("two grains have the same id")
+    of_grains = arrays["ids"].reshape(-1, per_grain)
+    if not (of_grains == of_grains[:, :1] // per_grain * per_grain + np.arange(per_grain)).all():
+        raise ValueError("ids are not those of the spheres of clumps, in their order")
     for name, bits in {"held": near, "wall_near": walls, "wall_held": walls}.items():
         if (arrays[name].astype(np.uint64) >> np.uint64(bits)).any():
             raise ValueError(f"{name} has bits beyond {bits}")
@@ -105,7 +112,7 @@ def _check_lists(arrays: Mapping[str, np.ndarray], scene: Scene, n: int, near: i
 
 def _check_features(arrays: Mapping[str, np.ndarray], scene: Scene, parts: int) -> None:
     """Raise ValueError if a spring at a mesh is not of one of its features."""
-    features = np.diff(first_features(shapes_of(scene.container.walls()), is_oriented(scene)))
+    features = np.diff(first_features(shapes_of(scene.container.walls()), has_rods(scene)))
     entries = np.arange(len(arrays["wall_feature"]))[:, None]
     wall_of_entry = arrays["wall_seat"] if "wall_seat" in arrays else np.arange(len(entries) // parts)[:, None]
     wall = np.repeat(wall_of_entry, parts, axis=0).clip(max=len(features) - 1)

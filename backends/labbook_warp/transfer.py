@@ -4,14 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from labbook_dem.features import is_oriented
+from labbook_dem.features import has_rods, is_oriented, rows_of_grain
 from labbook_dem.mesh import spring_places
 from labbook_dem.mesh_grid import first_features, shapes_of
 from labbook_dem.reading import Inside
 from labbook_dem.rotation import momenta, spins
 
 from labbook.backend import Checkpoint
-from labbook.scene import Bodies, Packing, Scene, TriangleMesh
+from labbook.scene import Bodies, Clumps, Packing, Scene, TriangleMesh
+from labbook.scene.grains import MOST_SPHERES
+from labbook.scene.hulls import sphere_centres
 from labbook.scene.orientation import axes
 from labbook_warp.arrays import Arrays, SlotState
 from labbook_warp.kernels.words import PARKED
@@ -22,7 +24,8 @@ _BLOCK = 5
 
 def start(arrays: Arrays, slot: int, scene: Scene, packing: Packing, plane: float, cell: float) -> None:
     """Write a packing into a slot, in an order in which neighbours are close in memory."""
-    order = _in_blocks(arrays, packing.x, cell)
+    order, per_grain = _in_blocks(arrays, packing.x, cell), rows_of_grain(scene)
+    order = (order[:, None] * per_grain + np.arange(per_grain)).ravel()
     arrays.clear(slot)
     for name, values in entering(arrays, scene, packing, packing.v, plane).items():
         arrays.write(name, slot, values[order])
@@ -34,14 +37,18 @@ def entering(
     """Nonzero state arrays of a packing's grains, with the velocities v [m/s], by row.
 
     Raises:
-        ValueError: rods without orientations.
+        ValueError: rods or clumps without orientations.
     """
     x, omega, q = packing.x, packing.omega, packing.q
     assert packing.ids is not None
+    if is_oriented(scene) and q is None:
+        raise ValueError(
+            f"{scene.grains.noun}s cannot start from a packing without orientations q: it is one of spheres"
+        )
+    if isinstance(scene.grains, Clumps) and q is not None:
+        return _entering_clumps(arrays, scene.grains, packing, v, q, plane)
     arrays_by_name = {"ids": packing.ids.astype(np.int32), "gone": (x[:, 2] < plane).astype(np.int32)}
-    if is_oriented(scene):
-        if q is None:
-            raise ValueError("rods cannot start from a packing without orientations q: it is one of spheres")
+    if q is not None and is_oriented(scene):
         arrays_by_name["p"] = arrays.codec.encode(x, v, omega, axes(q))
         arrays_by_name["turned"] = q
         arrays_by_name["momentum"] = np.pad(momenta(scene.grains, omega, q), ((0, 0), (0, 1)))
@@ -53,6 +60,41 @@ def entering(
     return arrays_by_name
 
 
+def _entering_clumps(
+    arrays: Arrays, grains: Clumps, packing: Packing, v: np.ndarray, q: np.ndarray, plane: float
+) -> dict[str, np.ndarray]:
+    """State arrays of clumps, as `entering` returns them: a row for each sphere, the clump's own state in the first."""
+    spheres, n = grains.spheres, len(packing)
+    assert packing.ids is not None
+    own = {"clump_x": packing.x, "clump_v": v, "clump_m": momenta(grains, packing.omega, q), "turned": q}
+    rows = {name: np.zeros((n, len(spheres), values.shape[1])) for name, values in own.items()}
+    for name, values in own.items():
+        rows[name][:, 0] = values
+    bodies = [[sphere.radius, grains.mass, grains.inertia_axis, 0.0] for sphere in spheres]
+    return {
+        "ids": row_ids(packing.ids, len(spheres)).astype(np.int32),
+        "gone": np.repeat(packing.x[:, 2] < plane, len(spheres)).astype(np.int32),
+        "p": sphere_words(arrays, grains, packing.x, v, packing.omega, q),
+        "body": np.tile(bodies, (n, 1)),
+        **{name: values.reshape(n * len(spheres), -1) for name, values in rows.items()},
+    }
+
+
+def sphere_words(
+    arrays: Arrays, grains: Clumps, x: np.ndarray, v: np.ndarray, omega: np.ndarray, q: np.ndarray
+) -> np.ndarray:
+    """Encode the spheres of clumps at x [m] with velocities v [m/s] and omega [rad/s], shape [n, 3], and orientations
+    q [n, 4]."""
+    centres, per_grain = sphere_centres(grains, x, q), len(grains.spheres)
+    x, v, omega = (np.repeat(vectors, per_grain, axis=0) for vectors in (x, v, omega))
+    return arrays.codec.encode(centres, v + np.cross(omega, centres - x), omega)
+
+
+def row_ids(ids: np.ndarray, per_grain: int) -> np.ndarray:
+    """Ids of the rows of grains: of a clump per_grain times its own plus the place of the sphere."""
+    return (ids[:, None] * per_grain + np.arange(per_grain)).ravel()
+
+
 def joined(
     arrays: Arrays, scene: Scene, stored: Checkpoint, packing: Packing, v: np.ndarray, plane: float
 ) -> Checkpoint:  # fmt: skip
@@ -61,7 +103,7 @@ def joined(
     for name in ("p", *arrays.state):
         axis = 0 if name == "p" or arrays.state[name] == "one" else 1
         old = state[name]
-        new = np.zeros((*old.shape[:axis], len(packing), *old.shape[axis + 1 :]), old.dtype)
+        new = np.zeros((*old.shape[:axis], len(new_rows["ids"]), *old.shape[axis + 1 :]), old.dtype)
         if name in new_rows:
             new[:] = new_rows[name]
         state[name] = np.concatenate([old, new], axis=axis)
@@ -69,12 +111,20 @@ def joined(
     return replace(stored, arrays=state)
 
 
-def set_velocities(arrays: Arrays, slot: int, rows: int, ids: np.ndarray, v: np.ndarray) -> None:
+def set_velocities(arrays: Arrays, slot: int, rows: int, scene: Scene, ids: np.ndarray, v: np.ndarray) -> None:
     """Set velocities v [m/s] of grains among the first `rows` rows of a slot."""
+    per_grain = rows_of_grain(scene)
     numbers, of_rows = np.array(arrays.read("p", slot, rows)), arrays.read("ids", slot, rows)
     order = present_rows(arrays.codec.decode(numbers)[0], of_rows)  # a grain that returned has a second row
-    place = order[np.searchsorted(of_rows[order], ids)]
-    numbers[place] = arrays.codec.with_velocities(numbers[place], v)
+    place = order[np.searchsorted(of_rows[order], row_ids(ids, per_grain))]
+    if isinstance(scene.grains, Clumps):
+        velocities, first = np.array(arrays.read("clump_v", slot, rows)), place[::per_grain]
+        velocities[first] = v
+        arrays.write("clump_v", slot, velocities)
+        x, m, q = (arrays.read(name, slot, rows)[first] for name in ("clump_x", "clump_m", "turned"))
+        numbers[place] = sphere_words(arrays, scene.grains, x, v, spins(scene.grains, m, q), q)
+    else:
+        numbers[place] = arrays.codec.with_velocities(numbers[place], v)
     arrays.write("p", slot, numbers)
 
 
@@ -93,7 +143,7 @@ def _in_blocks(arrays: Arrays, x: np.ndarray, cell: float) -> np.ndarray:
 
 def set_springs(arrays: Arrays, slot: int, scene: Scene, packing: Packing, names: Sequence[str]) -> None:
     """Write a packing's springs into the new lists of a slot, on both sides of each pair."""
-    n = len(packing)
+    packing, n = _of_spheres(scene, packing), len(packing) * rows_of_grain(scene)
     if not len(packing.pairs) and not len(packing.wall_grain):
         return
     ids = arrays.read("ids", slot, n)
@@ -122,6 +172,34 @@ def set_springs(arrays: Arrays, slot: int, scene: Scene, packing: Packing, names
         _set_wall_springs(arrays, slot, scene, packing, rows, names)
 
 
+def _of_spheres(scene: Scene, packing: Packing) -> Packing:
+    """Packing whose ids and springs are those of rows, if grains are clumps: of their spheres."""
+    per_grain = rows_of_grain(scene)
+    if not isinstance(scene.grains, Clumps):
+        return packing
+    parts, at_walls = packing.pair_parts, packing.wall_part
+    if parts is None:
+        if len(packing.pairs):
+            raise ValueError("clumps cannot start from a packing without pair_parts: it is not one of clumps")
+        parts = np.zeros((0, 2), np.int64)
+    if max(parts.max(initial=0), (at_walls % MOST_SPHERES).max(initial=0)) >= per_grain:
+        raise ValueError(f"the packing has springs of spheres that clumps of {per_grain} do not have")
+    assert packing.ids is not None
+    x, v, omega = (np.repeat(vectors, per_grain, axis=0) for vectors in (packing.x, packing.v, packing.omega))
+    return Packing(
+        x=x,
+        v=v,
+        omega=omega,
+        ids=row_ids(packing.ids, per_grain),
+        pairs=packing.pairs * per_grain + parts,
+        pair_spring=packing.pair_spring,
+        wall_grain=packing.wall_grain * per_grain + at_walls % MOST_SPHERES,
+        wall_name=packing.wall_name,
+        wall_spring=packing.wall_spring,
+        wall_part=at_walls // MOST_SPHERES,
+    )
+
+
 def _set_wall_springs(
     arrays: Arrays, slot: int, scene: Scene, packing: Packing, rows: np.ndarray, names: Sequence[str]
 ) -> None:  # fmt: skip
@@ -137,7 +215,7 @@ def _set_wall_springs(
     wall = np.array([place.get(name, -1) for name in packing.wall_name.tolist()], np.int64)
     feature = None
     if "wall_feature" in state:
-        features = np.diff(first_features(shapes_of(scene.container.walls()), is_oriented(scene)), append=0)[wall]
+        features = np.diff(first_features(shapes_of(scene.container.walls()), has_rods(scene)), append=0)[wall]
         if (beyond := (features > 0) & (part >= features)).any():
             raise ValueError(f"the packing has a spring at part {part[beyond].max()} of a wall of triangles")
         meshes = features > 0
@@ -198,6 +276,13 @@ def packing(state: SlotState, scene: Scene, v: np.ndarray, m: np.ndarray) -> Pac
     by_wall = np.lexsort((place[wall_row], part, wall_index))
     by_wall = by_wall[place[wall_row[by_wall]] >= 0]
     k_wall, wall_row, wall_index, part = k_wall[by_wall], wall_row[by_wall], wall_index[by_wall], part[by_wall]
+    pairs, pair_parts = np.column_stack([i[selected], j[selected]])[by_pair], None
+    wall_grain, per_grain = place[wall_row], state.per_grain
+    if isinstance(scene.grains, Clumps):
+        pairs, pair_parts = np.divmod(pairs, per_grain)
+        wall_grain, of_clump = np.divmod(wall_grain, per_grain)
+        part = MOST_SPHERES * part + of_clump
+    order = order[::per_grain]  # rows of grains, or of the first spheres of clumps
     q = None if orientation is None else orientation[order]
     rolling_fields: dict[str, np.ndarray | None] = {}
     if "rolling" in state.kinds:
@@ -210,10 +295,11 @@ def packing(state: SlotState, scene: Scene, v: np.ndarray, m: np.ndarray) -> Pac
         v=v[order],
         omega=spins(scene.grains, m[order], q),
         q=q,
-        ids=ids[order],
-        pairs=np.column_stack([i[selected], j[selected]])[by_pair],
+        ids=ids[order] // per_grain,
+        pairs=pairs,
+        pair_parts=pair_parts,
         pair_spring=spring[k, row][selected][by_pair].astype(np.float64),
-        wall_grain=place[wall_row],
+        wall_grain=wall_grain,
         wall_name=np.array([*names, ""], "U40")[wall_index],
         wall_spring=state.read("wall_spring")[k_wall, wall_row].astype(np.float64),
         wall_part=part,

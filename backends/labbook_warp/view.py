@@ -69,7 +69,10 @@ class DeviceView:
             stage.show_all()
             self._contacts = _by_slot(stage.beats.contacts(), keys=3)
             self._contacts_version = stage.changes
-        return self._contacts.get(run.slot, np.zeros((0, 9)))
+        rows = self._contacts.get(run.slot, np.zeros((0, 9)))
+        if run.per_grain == 1:
+            return rows
+        return np.column_stack([rows[:, :2] // run.per_grain, rows[:, 2:]])  # -1 of walls stays
 
     def layer(self, run: Run, slab: Slab) -> np.ndarray:
         """Return rows id, position, velocity of a member's grains in one of its slabs, by id.
@@ -136,7 +139,8 @@ class DeviceView:
     def packing(self, run: Run) -> Packing:
         """The portable state of a member."""
         v, m = self.whole_step(run)
-        return transfer.packing(self.stage.arrays.of_slot(run.slot, run.rows), run.scene, v, m)
+        state = self.stage.arrays.of_slot(run.slot, run.rows, run.per_grain)
+        return transfer.packing(state, run.scene, v, m)
 
     def end_state(self, run: Run) -> SlotEnd:
         """Return the state of a member that ends here; packing and checkpoint are derived on access."""
@@ -155,11 +159,12 @@ class DeviceView:
             return []
         tops = self._read_tops(heights)
         parts = [slice(*tops.first[run.slot : run.slot + 2]) for run in heights]
-        cap, oriented = self.stage.arrays.sizes.cap, self.stage.arrays.module.ORIENTED
+        cap, module = self.stage.arrays.sizes.cap, self.stage.arrays.module
+        oriented = module.ORIENTED or module.CLUMPS
         return [
             BedTop(
                 self.present(run),
-                run.ids[tops.rows[part] - run.slot * cap],
+                run.ids[tops.rows[part] - run.slot * cap] // run.per_grain,
                 tops.x[part],
                 tops.q[part] if oriented else None,
             )
@@ -173,7 +178,7 @@ class DeviceView:
             self._tops = self._read_tops({})
         empty = self._tops.left[run.slot, : run.rows]
         run.note_empty(empty)
-        return run.ids[~empty]
+        return run.ids[~empty][:: run.per_grain] // run.per_grain
 
     def _read_tops(self, heights: Mapping[Run, float]) -> Tops:
         stage = self.stage

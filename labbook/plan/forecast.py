@@ -73,6 +73,9 @@ MEASURED = {
     ("numba", "cpu", "sphere", "mixed", True): StepCost(0, 1 / 31e6, 9, _ZEN4),
     ("numba", "cpu", "spherocylinder", "double", True): StepCost(0, 1 / 8.2e6, 18, _ZEN4),
     ("numba", "cpu", "spherocylinder", "mixed", True): StepCost(0, 1 / 8.3e6, 18, _ZEN4),
+    # of three spheres
+    ("numba", "cpu", "clump", "double", True): StepCost(0, 1 / 4.4e6, 14, _ZEN4),
+    ("numba", "cpu", "clump", "mixed", True): StepCost(0, 1 / 4.6e6, 14, _ZEN4),
     ("numba", "cpu", "sphere", "double", False): StepCost(0, 1 / 8.7e6, 20, _ZEN3),
     ("numba", "cpu", "sphere", "mixed", False): StepCost(0, 1 / 9.8e6, 20, _ZEN3),
     ("numba", "cpu", "spherocylinder", "double", False): StepCost(0, 1 / 3.5e6, 40, _ZEN3),

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from labbook.scene.container_shape import ContainerShape
-from labbook.scene.grains import Grains
+from labbook.scene.grains import Clumps, Grains
 from labbook.scene.model import Fault
 from labbook.scene.packing import Packing
 from labbook.scene.part_motion import PartMotion
@@ -115,6 +115,8 @@ def faults(container: ContainerShape, grains: Grains) -> Iterator[Fault]:
     period, extent = container.period, grains.extent
     if math.isinf(period):
         return
+    if isinstance(grains, Clumps):
+        yield Fault("container.periodic", "clumps have no periodic sides", "use spheres or rods, or leave periodic out")
     if period <= 2 * extent:
         reason = f"{1e3 * period:g} mm between periodic sides let a {grains.noun} touch two images of another"
         yield Fault(

@@ -1,5 +1,6 @@
 """The backends under the contract: every bundled one, in each of its precisions, on each of its devices."""
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,6 +19,14 @@ from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
+
+
+def pytest_collection_modifyitems(items):
+    """Put clumps on the GPU backend's processor into the ring: only these tests need their kernels."""
+    for item in items:
+        if re.search(r"warp-\w+-cpu-clump", item.nodeid):
+            item.add_marker("ring")
+
 
 STEPS = 250
 """Steps per beat of these tests."""

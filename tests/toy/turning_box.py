@@ -4,16 +4,32 @@ from dataclasses import replace
 
 import numpy as np
 
+from labbook.checks.verify.clumps import SEED
 from labbook.checks.verify.materials import D, G, linear, spheres
 from labbook.checks.verify.mesh import of_triangles
 from labbook.checks.verify.moving import box
 from labbook.checks.verify.stand import grains_at
-from labbook.scene import PartMotion, PartRotation, Primitives, Scene, Spherocylinders, Vibration
+from labbook.scene import Clumps, PartMotion, PartRotation, Primitives, Scene, Spherocylinders, Vibration
 from labbook.scene.packing import Packing
 
 R = D / 2
 SPHERES = spheres(8)
 RODS = Spherocylinders(diameter=1.4 * R, length=2.2 * R, density=2500, count=8)
+
+
+def seeds(diameter: float) -> Clumps:
+    """Eight seeds of three spheres, the largest of this diameter [m]."""
+    scale = diameter / SEED.diameter
+    return Clumps(
+        diameter=diameter,
+        centres=tuple((scale * x, scale * y, scale * z) for x, y, z in SEED.centres),
+        diameters=tuple(scale * size for size in SEED.diameters),
+        density=2500,
+        count=8,
+    )
+
+
+CLUMPS = seeds(1.37 * R)
 MOTION = PartMotion(
     velocity=(0.02, 0.0, -0.05),
     rotation=PartRotation(axis=(0.2, 1.0, 0.1), origin=(0.0, 0.0, R), rate=15.0),
@@ -32,7 +48,7 @@ def in_the_box(of: Scene) -> Packing:
     """Grains with velocities, some of which touch the box."""
     x = np.array([(a, b, c) for a in (-1.2, 1.2) for b in (-1.2, 1.2) for c in (-1.2, 1.2)]) * R
     packing = grains_at(x, np.random.default_rng(4).uniform(-0.5, 0.5, (8, 3)))
-    if isinstance(of.grains, Spherocylinders):
+    if of.grains.oriented:
         q = np.random.default_rng(5).normal(0, 1, (8, 4))
         packing = replace(packing, q=q / np.linalg.norm(q, axis=1)[:, None])
     return packing

@@ -13,6 +13,7 @@ from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kern
     BORROWED,
     BROKEN,
     CELLS,
+    CLUMP,
     CROSSED,
     DEEPEST,
     DOMAINS,
@@ -70,7 +71,8 @@ def entry(function: Function) -> Function:
 
 
 MOVING = True  # some wall's surface moves
-ORIENTED = True  # grains have an orientation
+ORIENTED = True  # rows of grains have an orientation
+CLUMPS = True  # they are the spheres of clumps
 GRAIN, WALL_PARTS, SPRING, SPRING_KEPT = RODS.GRAIN, RODS.WALL_PARTS, RODS.SPRING, RODS.SPRING_KEPT
 CROSSING = True  # the first passage of grains through a plane is recorded
 OUTLET = True  # grains far below the outlet are dropped

@@ -1,11 +1,11 @@
-"""Motion of grains by one step; their rotation is in `spheres` and `rods`."""
+"""Motion of spheres and rods by one step; their rotation is in `spheres` and `rods`."""
 
 from labbook_dem.images import nearest
 from labbook_dem.motion import drift, kick, predict
 from labbook_dem.words import PERIODIC, VARIED, wide
 
 from labbook_numba.kernels.features import FIRST, GRAIN, LAST, LOAD, OUTLET, F, T, U, V, X, kernel, uint64
-from labbook_numba.kernels.shape import turn_grain
+from labbook_numba.kernels.spheres import turn_grain  # in a module of rods it is that of `rods`
 from labbook_numba.lanes import put_row, row_at
 from labbook_numba.state import Params, State
 

@@ -1,9 +1,9 @@
-"""Candidate lists of pairs and of grains near walls; the criteria are in `spheres` and `rods`."""
+"""Candidate lists of pairs and of grains near walls; the criteria are in `sphere_lists` and `rods`."""
 
 from labbook_dem.words import wide
 
 from labbook_numba.kernels.cells import end_along_y, fill_cells, first_along_y, wrapped
-from labbook_numba.kernels.features import GRAINS, MESH_NUMBER, MESHES, PAD, kernel
+from labbook_numba.kernels.features import CLUMPS, GRAINS, MESH_NUMBER, MESHES, PAD, kernel
 from labbook_numba.kernels.mesh_walls import near_mesh
 from labbook_numba.kernels.shape import near_grain, near_wall
 from labbook_numba.state import Params, State
@@ -24,7 +24,10 @@ def near_pairs(st: State, p: Params, pair_i, pair_j, cell, head, next_grain):
                 for c in range(max(cell[i, 2] - 1, 0), min(cell[i, 2] + 2, nz)):
                     j = head[(a * ny + wrapped(b, ny)) * nz + c]
                     while j > i:  # the list of a cell descends: the rest are pairs with i second
-                        if near_grain(grains, body, i, j, reach, p.half, p.skin, p.period):
+                        near = near_grain(grains, body, i, j, reach, p.half, p.skin, p.period)
+                        if CLUMPS:  # spheres of one clump do not act on each other
+                            near = near and st.ids[i] != st.ids[j]
+                        if near:
                             # beyond the capacity pairs are only counted, for the size of the next attempt
                             if count < capacity:
                                 k = count

@@ -2,9 +2,11 @@
 
 from labbook_dem.words import VARIED, wide
 
+from labbook_numba.kernels.clumps import drop_clumps
 from labbook_numba.kernels.features import (
     ANY_WALLS,
     BODY,
+    CLUMPS,
     FRICTION,
     GHOSTS,
     GRAIN,
@@ -44,7 +46,10 @@ def drop_leavers(st: State, p: Params, place):
     new_row = 0
     for i in range(n):
         place[i] = -1
-        if not st.grains[i, X + 2] < p.drop:  # so written that a grain at NaN stays, and a guard reports it
+        z = st.grains[i, X + 2]
+        if CLUMPS:  # whose spheres leave together
+            z = st.clumps[i // len(p.spheres), X + 2]
+        if not z < p.drop:  # so written that a grain at NaN stays, and a guard reports it
             place[i] = new_row  # rows keep their order, so that lists still ascend
             for c in range(GRAIN):
                 st.grains[new_row, c] = st.grains[i, c]
@@ -56,6 +61,8 @@ def drop_leavers(st: State, p: Params, place):
             st.ids[new_row] = st.ids[i]
             st.gone[new_row] = st.gone[i]
             new_row += 1
+    if CLUMPS:
+        drop_clumps(st, p, place)
     st.count[GRAINS] = new_row
     st.count[LEAVING] = 0
     pairs = 0

@@ -3,9 +3,10 @@
 from labbook_dem.words import real
 
 from labbook_numba.kernels.bodies import mass_of
-from labbook_numba.kernels.features import ANY_WALLS, PAIRS, F, V, entry
+from labbook_numba.kernels.clumps import centre_of_clump
+from labbook_numba.kernels.features import ANY_WALLS, CLUMPS, PAIRS, F, V, X, entry
 from labbook_numba.kernels.shape import pair_now, spin_after, walls_now
-from labbook_numba.kernels.transfer import write_row
+from labbook_numba.kernels.transfer import load, write_row
 from labbook_numba.state import Params, State
 
 
@@ -19,13 +20,23 @@ def contact_rows(st: State, p: Params, out):
         j = st.pair_j[k]
         touches, force, branch = pair_now(st, p, i, j, k, dt)
         if touches:
+            if CLUMPS:
+                branch = centre_of_clump(st, p, j) - centre_of_clump(st, p, i)
             write_row(out, count, st.ids[i], st.ids[j], -1, force, branch)
             count += 1
     if not ANY_WALLS:
         return count
     for w in range(len(p.wall_kind)):
         for k in range(st.wall_first[w], st.wall_first[w + 1]):
+            first = count
             count = walls_now(st, p, w, k, dt, out, count)
+            if CLUMPS:
+                i = st.wall_grain[k]
+                lever = load(st.grains, i, X) - centre_of_clump(st, p, i)
+                for row in range(first, count):
+                    out[row, 6] += lever.x
+                    out[row, 7] += lever.y
+                    out[row, 8] += lever.z
     return count
 
 

@@ -21,10 +21,10 @@ def near_wall(grains, body, i, walls, kind, w, radius, half, skin) -> bool:
     raise NotImplementedError(_OF_SHAPE)
 
 
-def turn_grain(g, i, turn_acc, v, slender, half, kick_dt, dt) -> Any:
-    """Kick grain i by the angular acceleration turn_acc [rad/s^2] and turn it; v: its velocity, a row.
+def move(st: State, p: Params, kick_dt, dt) -> None:
+    """Kick, drift, turn and predict the domain's grains; replace forces by gravity.
 
-    Returns the square of a bound for the speed of its segment [m^2/s^2].
+    Writes squares of bounds for the speed of any point of the grain of a row [m^2/s^2], and zero for leavers.
     """
     raise NotImplementedError(_OF_SHAPE)
 

@@ -8,7 +8,7 @@ from labbook_dem.words import dot, func, narrow, real, sqrt, vec3, wide, wide3
 from labbook_numba.kernels.blocks import reals, row_of
 from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
 from labbook_numba.kernels.branches import branch_between
-from labbook_numba.kernels.features import KINDS, MESH_NUMBER, MESHES, MOVING, WALL_PARTS, T, U, V, W, X, int64
+from labbook_numba.kernels.features import KINDS, MESH_NUMBER, MESHES, MOVING, WALL_PARTS, U, V, W, X, int64
 from labbook_numba.kernels.mesh_walls import mesh_now
 from labbook_numba.kernels.surfaces import wall_numbers, wall_velocity
 from labbook_numba.kernels.transfer import advance_of, load, spring_at, spring_of, write_row
@@ -80,9 +80,3 @@ def normal_now(st: State, p: Params, w, k, row, rows):
 def rate_of(body, i, p):
     """`rolling_rate` of grain i."""
     return rolling_rate(real(inertia_of(body, i, p.inertia)), real(p.dt))
-
-
-@func
-def spin_after(grains, loads, body, i, duration, p: Params):
-    """Spin [rad/s] of grain i, `duration` [s] later under the torque in `loads`."""
-    return load(grains, i, W) + load(loads, i, T) * (duration / inertia_of(body, i, p.inertia))

@@ -1,31 +1,13 @@
-"""Spheres: criteria for lists, rotation, and work of contacts; as `rods`."""
+"""Spheres: rotation, and work of contacts; as `rods`."""
 
-from labbook_dem.chosen import wall_distance
 from labbook_dem.motion import kick
-from labbook_dem.words import VARIED, dot, func, wide
+from labbook_dem.words import func, wide
 
-from labbook_numba.kernels.bodies import inertia_of, mass_of, radius_of
-from labbook_numba.kernels.branches import branch_between
-from labbook_numba.kernels.features import FIRST, GRAIN, LAST, F, T, V, W, X, kernel, uint64
-from labbook_numba.kernels.surfaces import wall_numbers
+from labbook_numba.kernels.bodies import inertia_of, mass_of
+from labbook_numba.kernels.features import FIRST, GRAIN, LAST, F, T, V, W, kernel, uint64
 from labbook_numba.kernels.transfer import load
 from labbook_numba.lanes import put_row, row_at, square
 from labbook_numba.state import Params, State
-
-
-@func
-def near_grain(grains, body, i, j, reach, half, skin, period):
-    """True if two spheres are closer than their radii and a skin; reach: that of the largest [m]."""
-    branch = branch_between(grains, i, j, period)
-    limit = body[i, 0] + body[j, 0] + skin if VARIED else reach
-    return dot(branch, branch) < limit * limit
-
-
-@func
-def near_wall(grains, body, i, walls, kind, w, radius, half, skin):
-    """True if sphere i is closer than its radius and a skin to wall w; radius: of all, if they are the same."""
-    distance, _ = wall_distance(wall_numbers(walls, w), w, kind[w], load(grains, i, X))
-    return distance < radius_of(body, i, radius) + skin
 
 
 @func
@@ -56,3 +38,9 @@ def contact_work(st: State, p: Params, kick_dt):
             w = g[i, W + c] + wide(0.5) * kick_dt * torque / inertia
             work += ((force - mass * gravity) * v + torque * w) * kick_dt
     return work
+
+
+@func
+def spin_after(grains, loads, body, i, duration, p: Params):
+    """Spin [rad/s] of grain i, `duration` [s] later under the torque in `loads`."""
+    return load(grains, i, W) + load(loads, i, T) * (duration / inertia_of(body, i, p.inertia))

@@ -2,11 +2,13 @@
 
 from labbook_dem.words import sqrt, wide
 
+from labbook_numba.kernels.clumps import collect_loads
 from labbook_numba.kernels.features import (
     ANY_WALLS,
     BAD_OVERLAP,
     BAD_SPEED,
     BAD_STATE,
+    CLUMPS,
     CROSSED,
     CROSSING,
     DEEPEST,
@@ -38,9 +40,8 @@ from labbook_numba.kernels.features import (
     uint64,
 )
 from labbook_numba.kernels.meet import domain_maximum
-from labbook_numba.kernels.move import move
 from labbook_numba.kernels.pairs import pair_forces
-from labbook_numba.kernels.shape import contact_work, wall_forces
+from labbook_numba.kernels.shape import contact_work, move, wall_forces
 from labbook_numba.state import Params, State
 
 
@@ -60,24 +61,31 @@ def record_leavers(st: State, p: Params, dt):
     step = st.count[STEP]
     leaving = 0
     g = st.grains
-    for i in range(uint64(st.domain[FIRST]), uint64(st.domain[LAST])):
+    first, last = uint64(st.domain[FIRST]), uint64(st.domain[LAST])
+    if CLUMPS:
+        g = st.clumps
+        first, last = first // uint64(len(p.spheres)), last // uint64(len(p.spheres))
+    for i in range(first, last):
         z = g[i, X + 2]
-        if CROSSING and z < p.plane and st.gone[i] == 0:
-            st.gone[i] = 1
+        sphere = i
+        if CLUMPS:
+            sphere = i * uint64(len(p.spheres))
+        if CROSSING and z < p.plane and st.gone[sphere] == 0:
+            st.gone[sphere] = 1
             row = st.count[CROSSED]
             st.count[CROSSED] += 1
             # positions drift with a constant velocity in a step, so that the time of passage is exact
             before = z - g[i, V + 2] * dt
             fraction = (before - p.plane) / (before - z) if before > z else wide(0.0)
             c = st.cross
-            c[row, 0] = st.ids[i]
+            c[row, 0] = st.ids[sphere]
             c[row, 1] = step + 1
             c[row, 2] = (step + min(max(fraction, wide(0.0)), wide(1.0))) * dt
             for axis in range(3):
                 c[row, 3 + axis] = g[i, X + axis]
                 c[row, 6 + axis] = g[i, V + axis]
                 c[row, 9 + axis] = g[i, W + axis]
-            if ORIENTED:
+            if ORIENTED or CLUMPS:
                 for column in range(4):
                     c[row, 12 + column] = g[i, Q + column]
         if OUTLET and z < p.drop:
@@ -117,6 +125,8 @@ def advance(st: State, p: Params, target):
         pair_forces(st, p)
         if ANY_WALLS:
             wall_forces(st, p)
+        if CLUMPS:
+            collect_loads(st, p)
         if reading:
             return DONE
         overlap = domain_maximum(st, OVERLAP, st.sums[MAX_OVERLAP])

@@ -13,12 +13,14 @@ from labbook_warp.kernels.bodies import listed2
 from labbook_warp.kernels.parts import lists_are_due
 from labbook_warp.kernels.shape import Grain, displacement_and_speed, distance2, grain, parts_near, store_origin
 from labbook_warp.kernels.shown import position
-from labbook_warp.kernels.system import Material, Place, System, entry, has_bit, material
+from labbook_warp.kernels.system import Material, Place, System, entry, has_bit, material, of_one_clump
 from labbook_warp.kernels.walls import wall_at
 from labbook_warp.kernels.words import (
     ANY_WALLS,
+    CLUMPS,
     LANES,
     LISTED,
+    NEVER_LISTED,
     PARKED,
     POSES,
     REACH,
@@ -138,6 +140,9 @@ def collect_neighbours(a: System, p: Words, m: Material, s: int, r: int, g: Grai
             for e in range(min(a.cell_count[c], a.depth)):
                 row = a.cell_rows[c * a.depth + e]
                 d2 = distance2(p, m, g, s * a.cap + row)
+                if CLUMPS:
+                    if of_one_clump(a, s, r, row):
+                        d2 = wide(NEVER_LISTED)
                 if d2 < listed2(a, m, i, s * a.cap + row) and row != r:
                     if SHARED:
                         count = wp.atomic_add(a.new_count, i, 1)

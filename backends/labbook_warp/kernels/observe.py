@@ -5,12 +5,14 @@ from __future__ import annotations
 from labbook_dem.words import dot, func, narrow, vec3, wide, wide3
 
 from labbook_warp.kernels.bodies import inverse_inertia, inverse_mass
+from labbook_warp.kernels.clumps import clump_spin
 from labbook_warp.kernels.forces import forces, listed
 from labbook_warp.kernels.shape import angular_velocity, at_wall, complete, grain, private, with_neighbour
-from labbook_warp.kernels.system import System, entry, has_bit, material
+from labbook_warp.kernels.system import System, clump_row, entry, has_bit, material
 from labbook_warp.kernels.walls import wall_at
 from labbook_warp.kernels.words import (
     ANY_WALLS,
+    CLUMPS,
     LANES,
     PARKED,
     WALL_PARTS,
@@ -49,8 +51,12 @@ def whole_step(a: System, p: Words, v_out: Wides3, w_out: Wides3):
                 dv = wide3(wide(0.0), wide(0.0), wide(0.0))
                 dw = dv
             if lane == 0:
-                v_out[i] = widen(narrow(widen(g.v) + dv))
-                w_out[i] = widen(narrow(widen(complete(g, private(a, p, i)).w) + dw))
+                if CLUMPS:
+                    a.sphere_force[i] = force
+                    a.sphere_torque[i] = torque
+                else:
+                    v_out[i] = widen(narrow(widen(g.v) + dv))
+                    w_out[i] = widen(narrow(widen(complete(g, private(a, p, i)).w) + dw))
         else:
             v_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
             w_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
@@ -76,6 +82,9 @@ def kinetic(a: System, p: Words, v: Wides3, w: Wides3, adders: int, out: Wides):
         i = s * a.cap + r
         turning = dot(w[i], angular_velocity(m, grain(p, m, i), w[i]))
         energy = wide(0.5) * (dot(v[i], v[i]) / inverse_mass(a, m, i) + turning / inverse_inertia(a, m, i))
+        if CLUMPS:
+            turning = dot(w[i], clump_spin(a, m, s, i, w[i]))
+            energy = wide(0.5) * (dot(v[i], v[i]) / m.inverse_mass + turning / m.inverse_inertia)
         complete = (energy + magic) - magic
         coarse += complete
         fine += ((energy - complete) + small) - small
@@ -92,13 +101,17 @@ def slab(a: System, p: Words, v: Wides3, low: Wides, high: Wides, counter: Ints,
     r = i - s * a.cap
     if r < a.rows[s]:
         m = material(a, s)
-        g = grain(p, m, i)
-        if g.x[2] > wide(0.5) * wide(PARKED) and g.x[2] >= low[s] and g.x[2] <= high[s]:
+        x = grain(p, m, i).x
+        if CLUMPS:
+            x = a.clump_x[i]
+            if clump_row(a, s, r) != i:  # the others of its spheres
+                x = wide3(wide(0.0), wide(0.0), wide(PARKED))
+        if x[2] > wide(0.5) * wide(PARKED) and x[2] >= low[s] and x[2] <= high[s]:
             at = 8 * wp.atomic_add(counter, 0, 1)
             out[at] = wide(s)
             out[at + 1] = wide(a.ids[i])
             for c in range(3):
-                out[at + 2 + c] = g.x[c]
+                out[at + 2 + c] = x[c]
                 out[at + 5 + c] = v[i][c]
 
 
@@ -130,6 +143,8 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
                 if a.ids[i] < a.ids[j]:
                     c = with_neighbour(a, p, m, at, j, has_bit(a.held[i], k), g)
                     if c.touches:
+                        if CLUMPS:
+                            c.branch = a.clump_x[clump_row(a, s, j - s * a.cap)] - a.clump_x[clump_row(a, s, r)]
                         write_contact(
                             out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], a.ids[j], -1, c.force, c.branch
                         )
@@ -138,6 +153,8 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
                     if has_bit(a.wall_near[i], k):
                         c = at_wall(a, m, s, r, k, a.wall_near[i], a.wall_held[i], g)
                         if c.touches:
+                            if CLUMPS:
+                                c.branch = c.branch + (g.x - a.clump_x[clump_row(a, s, r)])
                             write_contact(
                                 out,
                                 10 * wp.atomic_add(counter, 0, 1),

@@ -27,6 +27,7 @@ from labbook_warp.kernels.words import (
     BAD_OVERLAP,
     BAD_SPEED,
     BAD_STATE,
+    CLUMPS,
     COLUMNS,
     CROSSING,
     LANES,
@@ -90,6 +91,9 @@ def record_crossing(a: System, plane: wide, dt: wide, s: int, i: int, now: int64
     if ORIENTED:
         for c in range(4):
             a.cross[row + 13 + c] = g.q[c]
+    if CLUMPS:
+        for c in range(4):
+            a.cross[row + 13 + c] = a.turned[i][c]
 
 
 @func
@@ -207,9 +211,13 @@ def step(a: System, p: Words, q: Words, slot: int, first: int, some: int, arrive
                             a.wall_held[i] = wall_springs
                     if LEDGER:
                         a.deep[i] = wide(deepest)
-                    if not SHARED:
-                        hidden = private(a, p, i)
-                    advance(a, q, m, s, i, now, complete(g, hidden), hidden.rest, force, torque)
+                    if CLUMPS:  # which move once all spheres have their forces (`clumps.move_clumps`)
+                        a.sphere_force[i] = force
+                        a.sphere_torque[i] = torque
+                    else:
+                        if not SHARED:
+                            hidden = private(a, p, i)
+                        advance(a, q, m, s, i, now, complete(g, hidden), hidden.rest, force, torque)
             else:
                 if lane == 0:
                     copy_words(p, q, i)

@@ -149,6 +149,16 @@ class System:
     bad: Wides
     crossed: Ints
     cross: Wides
+    # of clumps only, in rows of their first spheres (`labbook_warp.kernels.clumps`): position [m], velocity [m/s] and
+    # reduced angular momentum [rad/s] half a step before; their orientations are in `turned`
+    clump_x: Wides3
+    clump_v: Wides3
+    clump_m: Wides3
+    sphere_force: Wides3  # contact force [N] and torque [N m] on each sphere
+    sphere_torque: Wides3
+    clump_size: Ints  # spheres of a clump, of each slot; moments as in `labbook_dem.clumps`; centres in the body frame
+    clump_flat: Wides
+    clump_spheres: Wides3
     # of scenes with a mesh only, from here on (`labbook_warp.meshes`)
     wall_feature: Ints  # of a spring at a mesh, the feature of its contact, counted from the first of this mesh
     mesh_of: Ints  # row of the mesh of each wall, -1 of others
@@ -182,6 +192,18 @@ def material(a: System, s: int):
 def entry(a: System, s: int, entries: int, k: int, r: int):
     """Index of entry k of row r of slot s in an array of `entries` entries a grain."""
     return (s * entries + k) * a.cap + r
+
+
+@func
+def of_one_clump(a: System, s: int, first: int, second: int):
+    """True if the spheres in two rows of slot s are parts of one clump."""
+    return first // a.clump_size[s] == second // a.clump_size[s]
+
+
+@func
+def clump_row(a: System, s: int, r: int):
+    """Index of the row with the state of the clump of the sphere in row r of slot s."""
+    return s * a.cap + r - r % a.clump_size[s]
 
 
 @func

@@ -5,6 +5,8 @@ from typing import Any, NamedTuple, TypeVar
 
 from labbook_dem.walls import MESH_NUMBER as MESH_NUMBER
 
+from labbook.scene.grains import MOST_SPHERES as MOST_SPHERES
+
 F = TypeVar("F", bound=Callable)
 
 
@@ -85,7 +87,8 @@ joined: Any = None
 halved: Any = None
 
 MOVING = True
-ORIENTED = False  # grains have an orientation
+ORIENTED = False  # rows of grains have an orientation
+CLUMPS = False  # they are the spheres of clumps
 CROSSING = True
 OUTLET = True
 LEDGER = True
@@ -119,6 +122,8 @@ PARKED = -1.0e9
 """Height z [m] of the rows of grains that have left."""
 BAD_STATE, BAD_SPEED, BAD_FORCE, BAD_OVERLAP = 0, 1, 2, 3
 """Failures in the order of their checks: of motion after a step, of contacts in the next."""
+NEVER_LISTED = 1.0e30
+"""Square of a distance [m^2] beyond that of any neighbours."""
 NO_NUMBER = 1.0e30
 """Overlap [m] that stands for a force that is NaN, or too large for the quanta of sums."""
 NO_FAILURE = (1 << 62) - 1

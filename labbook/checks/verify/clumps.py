@@ -261,8 +261,8 @@ def _spheres_too(stand: Stand) -> Mapping[str, float]:
         start = place(bed.model_copy(update={"grains": Spheres(diameter=d, density=620, count=n)}), "gas", 1)
         if grains.shape == "clump":
             start = replace(start, q=random_turns(np.random.default_rng(2), n))
-        ends.append(stand.run(MemberStart(bed, 4e-5, start), 1, 2500).end)
-    require(len(ends[0].wall_grain) + len(ends[0].pairs) > 5, "the grains have not met")
+        ends.append(stand.run(MemberStart(bed, 4e-5, start), 1, 1000).end)
+    require(len(ends[0].wall_grain) + len(ends[0].pairs) > 3, "the grains have not met")
     return {
         "position": float(np.abs(ends[0].x - ends[1].x).max()) / d,
         "spin": float(np.abs(ends[0].omega - ends[1].omega).max() / np.abs(ends[0].omega).max()),

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 from labbook_dem.chosen import choose
-from labbook_dem.clumps import clump_on_clump, first_axis, from_body, spin_of_clump, turn_clump
+from labbook_dem.clumps import first_axis, from_body, sphere_velocity, spin_of_clump, torque_on_clump, turn_clump
 from labbook_dem.rods import rod_on_rod
 from labbook_dem.rotation import axis, flatness, momenta, slenderness, spins, turn
+from labbook_dem.spheres import sphere_on_sphere
 from labbook_dem.words import vec3
 
 from labbook.checks.verify.clumps import SEED, euler, frame_of, tensors
@@ -102,10 +103,16 @@ def test_a_contact_of_equal_spheres_on_levers_is_that_of_rods():
         lever_i, lever_j, u, v = vector(3e-3), vector(3e-3), vector(0.1), vector(0.1)
         spins = vector(10.0), vector(10.0), vector(10.0), vector(10.0)
         spring = vec3(1e-6, 0.0, 2e-6)
-        ours = clump_on_clump(
-            c, r, r, mass, mass, away, overlap2, lever_i, lever_j, u, v, *spins, spring, 1e-5, rate, rate
+        rest = vec3(0.0, 0.0, 0.0)
+        u_of_spheres, v_of_spheres = (
+            sphere_velocity(relative, spin_i, lever_i) - sphere_velocity(rest, spin_j, lever_j)
+            for relative, spin_i, spin_j in ((u, *spins[:2]), (v, *spins[2:]))
         )
+        force, on_i, on_j, new_spring, overlap = sphere_on_sphere(
+            c, r, r, mass, mass, away, overlap2, u_of_spheres, v_of_spheres, *spins[2:], spring, 1e-5, rate, rate
+        )
+        ours = force, torque_on_clump(on_i, force, lever_i), torque_on_clump(on_j, -force, lever_j), new_spring
         theirs = rod_on_rod(c, r, mass, away, overlap2, lever_i, lever_j, u, v, *spins, spring, 1e-5, rate)
-    for mine, other in zip(ours[:4], theirs[:4], strict=True):
+    for mine, other in zip(ours, theirs[:4], strict=True):
         assert (mine.x, mine.y, mine.z) == pytest.approx((other.x, other.y, other.z), rel=1e-12)
-    assert ours[4] == pytest.approx(theirs[4], rel=1e-12)
+    assert overlap == pytest.approx(theirs[4], rel=1e-12)

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("numba")
 
 from labbook_numba import Backend
-from turning_box import RODS, SPHERES, in_the_box, turning_box
+from turning_box import CLUMPS, RODS, SPHERES, in_the_box, seeds, turning_box
 
 from labbook.backend import Failed
 from labbook.backend.numerics import Numerics
@@ -27,6 +27,7 @@ from labbook.scene import (
     TriangleMesh,
     Wall,
 )
+from labbook.scene.orientation import random_turns
 from labbook.scene.triangles import Triangles
 
 pytestmark = pytest.mark.compiles
@@ -53,8 +54,13 @@ def rod_trough() -> Scene:
     return trough().model_copy(update={"grains": grains})
 
 
-SCENES = [pytest.param(trough(), id="spheres"), pytest.param(rod_trough(), id="rods", marks=pytest.mark.ring)]
-"""Kernels of rods at meshes are compiled in the ring only; test_dem_mesh_rods has their contacts."""
+SCENES = [
+    pytest.param(trough(), id="spheres"),
+    pytest.param(rod_trough(), id="rods", marks=pytest.mark.ring),
+    pytest.param(trough().model_copy(update={"grains": seeds(D)}), id="clumps", marks=pytest.mark.ring),
+]
+"""Kernels of rods and clumps at meshes are compiled in the ring only; test_dem_mesh_rods has contacts of rods, and the
+spheres of clumps touch meshes as free ones do."""
 
 
 def start(of: Scene):
@@ -64,6 +70,8 @@ def start(of: Scene):
     if isinstance(of.grains, Spherocylinders):
         q = np.array([towards([math.sin(t), 0.0, math.cos(t)]) for t in rng.uniform(1.2, 1.5, 8)])
         fallen = replace(fallen, x=fallen.x + np.array([0, 0, R]), q=q)
+    elif of.grains.oriented:
+        fallen = replace(fallen, x=fallen.x * [1.2, 1.2, 1.0] + [0.0, 0.0, R], q=random_turns(rng, 8))
     return fallen
 
 
@@ -124,6 +132,7 @@ def test_a_restart_changes_no_bit(of):
 BOXES = [
     pytest.param(turning_box(SPHERES), id="spheres"),
     pytest.param(turning_box(RODS), id="rods", marks=pytest.mark.ring),
+    pytest.param(turning_box(CLUMPS), id="clumps", marks=pytest.mark.ring),
 ]
 
 
@@ -131,7 +140,7 @@ BOXES = [
 def test_in_a_part_that_moves_grains_move_as_by_the_reference(of):
     ends = []
     for backend in (Backend(wide=True), labbook_reference.Backend()):
-        ensemble, member, _ = run(backend, of, in_the_box(of), 3 if isinstance(of.grains, Spherocylinders) else 1)
+        ensemble, member, _ = run(backend, of, in_the_box(of), 3 if of.grains.oriented else 1)
         ends.append(ensemble.packing(member))
         ensemble.close()
     one, other = ends

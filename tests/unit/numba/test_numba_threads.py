@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import rods_in_silo
 from stands import identical
+from turning_box import seeds
 
 pytest.importorskip("numba")
 
@@ -77,6 +78,7 @@ def used(arrays) -> dict[str, np.ndarray]:
     lengths = {name: len(arrays["pair_i"]) - 8 for name in ("pair_i", "pair_j", "held", "spring")}
     lengths |= {name: int(arrays["wall_first"][-1]) for name in ("wall_grain", "wall_held", "wall_spring")}
     lengths |= dict.fromkeys(("grains", "loads"), len(arrays["ids"]))
+    lengths |= {name: len(arrays[name]) - 2 for name in ("clumps", "clump_loads") if name in arrays}
     return {name: array[: lengths.get(name, len(array))] for name, array in arrays.items()}
 
 
@@ -97,9 +99,11 @@ def test_bits_do_not_depend_on_threads(start, precision, law):
 
 @pytest.mark.ring  # two minutes to compile; spheres, above, share a scene among threads by the same code
 @pytest.mark.parametrize("precision", ["double", "mixed"])
-def test_bits_of_rods_do_not_depend_on_threads(precision):
+@pytest.mark.parametrize("grains", [None, seeds(rods_in_silo.D)], ids=["rods", "clumps"])
+def test_bits_of_oriented_grains_do_not_depend_on_threads(precision, grains):
     """They fall onto a bottom that turns, and touch one another, the wall, the bottom and its rim on their way out."""
     scene = rods_in_silo.silo(200)
+    scene = scene if grains is None else scene.model_copy(update={"grains": grains.model_copy(update={"count": 400})})
     packing = discharged_by_any_number_of_threads(precision, place(scene, "gas", 1), scene, beats=110, dt=1e-5)
     assert len(packing.pairs) > 60
     assert set(packing.wall_name) == {wall.name for wall in scene.container.walls()}

@@ -15,6 +15,7 @@ from labbook.measure.packing import packing_fraction
 from labbook.measure.region import Region
 from labbook.scene import (
     Box,
+    Clumps,
     Frustum,
     LinearSpringDashpot,
     PartMotion,
@@ -106,6 +107,12 @@ def test_parts_keep_a_grain_length_from_periodic_sides_or_have_no_end(part, fits
     else:
         with pytest.raises(ValidationError, match=r"container\.parts.*periodic side"):
             scene(wide)
+
+
+def test_clumps_are_refused():
+    clumps = Clumps(diameter=D, centres=((0.0, 0.0, -D / 4), (0.0, 0.0, D / 4)), density=2500, count=50)
+    with pytest.raises(ValidationError, match="clumps have no periodic sides"):
+        scene(box(10 * D), clumps)
 
 
 def test_one_convention_of_nearest_images():

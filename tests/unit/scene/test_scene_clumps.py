@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from labbook_dem.features import capabilities, specialise
 from pydantic import ValidationError
 
-from labbook.backend import Unsupported, load
+from labbook.backend import Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.scene import Box, Clumps, LinearSpringDashpot, Scene, Spheres, Spherocylinders
 from labbook.scene.drawing import svg
@@ -183,7 +184,7 @@ def test_clumps_have_no_rolling_springs():
         scene(rolling_model="epsd", rolling_friction=0.1)
 
 
-@pytest.mark.parametrize("backend", ["numba", "warp"])
-def test_backends_without_clumps_refuse_them_by_name(backend):
-    with pytest.raises(Unsupported, match=r"grains\.shape: .* has no clump; .*--backend reference"):
-        load(backend).specialise(scene(), Numerics(dt=1e-6))
+def test_a_backend_without_clumps_refuses_them_by_name():
+    can = capabilities("plain", 1, frozenset({"double"}), ("cpu",))
+    with pytest.raises(Unsupported, match=r"grains\.shape: the backend plain has no clump; .*--backend numba"):
+        specialise(can, scene(), Numerics(dt=1e-6), ())
