@@ -45,7 +45,7 @@ def instead(word: str, candidates: Iterable[str]) -> str:
     close = closest(word, names)
     if close:
         return f"did you mean {close}?"
-    return f"known here: {', '.join(names)}" if names else "leave it out"
+    return f"known here: {', '.join(dict.fromkeys(names))}" if names else "leave it out"
 
 
 def closest(word: str, candidates: Iterable[str]) -> str | None:

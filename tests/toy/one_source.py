@@ -33,7 +33,7 @@ COEFFICIENTS = {
 }
 COEFFICIENTS["traction"] = COEFFICIENTS["hertz_mindlin"]
 COEFFICIENTS |= dict.fromkeys(("hertz", "spheres", "rods", "clumps"), COEFFICIENTS["hertz_mindlin"])
-SWITCHES: dict[str, object] = {"FRICTION": True, "ROLLING": True, "TWIST": True, "VARIED": True}
+SWITCHES: dict[str, object] = {"FRICTION": True, "ROLLING": True, "TWIST": True, "VARIED": True, "PERIODIC": True}
 # ranges of arguments in which every branch of the laws is taken; all others lie between 0.1 and 2
 RANGES = {
     "rs": (5e-4, 2e-3),
