@@ -205,7 +205,7 @@ class Calibrate(Goal):
                 [*entry, *(float(axis.unit(at[axis.key])) for axis in inference.conditions)] for entry, at in candidates
             ])  # fmt: skip
             covariances.append(inference.emulators[quantity].covariance(settings))
-            noises.append(inference.observed[quantity].variance)
+            noises.append(np.array([inference.observed[quantity].noise_at(at) for _, at in candidates]))
             # errors of the emulator count in units of the error of each measurement; conditions without one have no
             # weight
             weight = {
@@ -274,7 +274,7 @@ class Calibrate(Goal):
         """Residuals of runs about the emulators, over their standard errors."""
         residuals = []
         for quantity in dict.fromkeys(entry.quantity for entry in self.measurements):
-            noise = inference.observed[quantity].variance + inference.observed[quantity].of_beds
+            observed = inference.observed[quantity]
             for trial in withheld:
                 value = trial.numbers.get(quantity, math.nan)
                 if trial.outcome == "clogged" or not value > 0:
@@ -283,6 +283,7 @@ class Calibrate(Goal):
                 at = {axis.key: float(trial.at[axis.key]) for axis in inference.conditions}
                 mean, covariance = inference.joint(quantity, where, [at])
                 off = math.log(value) - inference.trends[quantity].at(trial.at) - mean[0, 0]
+                noise = observed.noise_at(trial.at) + observed.of_beds
                 residuals.append(off / math.sqrt(covariance[0, 0, 0] + noise))
         return np.array(residuals)
 

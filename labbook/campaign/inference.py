@@ -181,7 +181,7 @@ class Inference:
         used = dict.fromkeys(entry.quantity for entry in measurements)
         for quantity in dict.fromkeys((*used, *unmeasured)):
             trend = SpaceTrend.of(quantity, axes, scene)
-            observed = BedValues.of(trials, quantity, axes, trend)
+            observed = BedValues.of(trials, quantity, axes, trend, [axis.key for axis in conditions])
             if observed.repeats < FEWEST_REPEATS or observed.points < 2 * len(axes):
                 if quantity not in used:
                     continue

@@ -92,21 +92,34 @@ class BedValues:
         settings: Coordinates of the points, shape [n, d].
         values: Logarithms less the trend, shape [n].
         beds: Seeds, shape [n].
-        variance: Variance of the noise of a bed at a point.
+        noise: Variance of the noise of each, shape [n].
+        variance: Variance of the noise of a bed at a point, the mean over all.
         of_beds: Variance of the contribution that beds of one seed share at all points, since points may share
             packings.
         repeats: Degrees of freedom of `variance`.
+        noises: Variance of the noise by the values of the keys `noise_by` of `of`.
+        noise_by: These keys.
     """
 
     settings: np.ndarray
     values: np.ndarray
     beds: np.ndarray
+    noise: np.ndarray
     variance: float
     of_beds: float
     repeats: int
+    noises: Mapping[tuple, float]
+    noise_by: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, trials: Sequence[Trial], quantity: str, axes: Sequence[Axis], trend: "SpaceTrend") -> "BedValues":
+    def of(
+        cls,
+        trials: Sequence[Trial],
+        quantity: str,
+        axes: Sequence[Axis],
+        trend: "SpaceTrend",
+        noise_by: Sequence[str] = (),
+    ) -> "BedValues":
         """Collect a quantity from runs; clogged and diverged runs have none.
 
         Args:
@@ -114,6 +127,7 @@ class BedValues:
             quantity: Name of a quantity, above 0 in all runs that are used.
             axes: Axes of the space.
             trend: Known part of the quantity's logarithm.
+            noise_by: Keys with few values, each combination of which has a noise of its own.
         """
         points: dict[tuple, list[tuple[int, float]]] = defaultdict(list)
         where: dict[tuple, Mapping[str, float | str]] = {}
@@ -129,7 +143,17 @@ class BedValues:
         index, seeds, values = (np.array(column) for column in zip(*rows, strict=True)) if rows else ([], [], [])
         settings = [[float(axis.unit(float(at[axis.key]))) for axis in axes] for at in where.values()]
         settings = np.array(settings).reshape(len(where), len(axes))[np.asarray(index, int)]
-        return cls(settings, np.asarray(values), np.asarray(seeds), *_variances(index, seeds, values))
+        names = [tuple(float(at[key]) for key in noise_by) for at in where.values()]
+        groups = {name: number for number, name in enumerate(dict.fromkeys(names))}
+        group_of = np.array([groups[name] for name in names], int)[np.asarray(index, int)]
+        variance, of_beds_, repeats, by_group = _variances(index, seeds, values, group_of)
+        noises, noise = dict(zip(groups, by_group.tolist(), strict=True)), by_group[group_of]
+        return cls(settings, np.asarray(values), np.asarray(seeds), noise, variance, of_beds_, repeats, noises,
+                   tuple(noise_by))  # fmt: skip
+
+    def noise_at(self, at: Mapping[str, float | str]) -> float:
+        """Return the variance of the noise of a bed at values of keys; the mean of all where no run tells it."""
+        return self.noises.get(tuple(float(at[key]) for key in self.noise_by), self.variance)
 
     @property
     def of_bed_means(self) -> float:
@@ -143,40 +167,56 @@ class BedValues:
 
     def emulator(self) -> Emulator:
         """Fit an emulator. Raises LearnMissing."""
-        return Emulator.of(self.settings, self.values, self.variance, self.beds, self.of_beds)
+        return Emulator.of(self.settings, self.values, self.noise, self.beds, self.of_beds)
 
 
 def _variances(
-    points: Sequence[int] | np.ndarray, seeds: Sequence[int] | np.ndarray, values: Sequence[float] | np.ndarray
-) -> tuple[float, float, int]:
-    """Analyse the variance of beds at points, with effects of points and of beds.
+    points: Sequence[int] | np.ndarray,
+    seeds: Sequence[int] | np.ndarray,
+    values: Sequence[float] | np.ndarray,
+    groups: np.ndarray,
+) -> tuple[float, float, int, np.ndarray]:
+    """Analyse the variance of beds at points, with effects of points and of beds (Henderson, Biometrics 9 (1953) 226,
+    method 3).
+
+    Args:
+        points: Number of the point of each run, shape [n].
+        seeds: Seed of its bed, shape [n].
+        values: Value, shape [n].
+        groups: Number of its group from 0 on, shape [n]; each has a noise of its own.
 
     Returns:
-        Variance of the noise, variance of the contribution that beds of one seed share, and degrees of freedom of the
-        first.
+        Variance of the noise, of the contribution that beds of one seed share, degrees of freedom of the first, and the
+        variance of the noise of each group, drawn to that of all where a group has few degrees of freedom.
     """
     points, seeds, values = np.asarray(points), np.asarray(seeds), np.asarray(values)
+    number = int(groups.max()) + 1 if len(groups) else 0
+    unknown = math.nan, 0.0, 0, np.full(number, math.nan)
     _, where, counts = np.unique(points, return_inverse=True, return_counts=True)
     several = counts[where] > 1 if len(points) else np.zeros(0, bool)
     if not several.any():
-        return math.nan, 0.0, 0
-    _, where = np.unique(points[several], return_inverse=True)
+        return unknown
+    groups = groups[several]
+    _, where, counts = np.unique(points[several], return_inverse=True, return_counts=True)
     beds, columns = np.unique(seeds[several], return_inverse=True)
     y, design = values[several], np.eye(len(beds))[columns]
     of_point = np.eye(where.max() + 1)[where]
     mean = of_point / of_point.sum(axis=0)
     # effects of points are projected out of values and bed columns (Frisch-Waugh): what is left estimates beds
     off, own = y - of_point @ (mean.T @ y), design - of_point @ (mean.T @ design)
-    effects, _, rank, _ = np.linalg.lstsq(own, off, rcond=None)
-    repeats = len(y) - of_point.shape[1] - int(rank)
+    directions, sizes, _ = np.linalg.svd(own, full_matrices=False)
+    directions = directions[:, sizes > 1e-9 * sizes[0]]
+    repeats = len(y) - of_point.shape[1] - directions.shape[1]
     if repeats < 1:
-        return math.nan, 0.0, 0
-    variance = float(np.sum((off - own @ effects) ** 2)) / repeats
-    runs = design.sum(axis=0)
-    often = runs >= runs.max() / 2  # beds with few runs would add their noise to the variance of effects
-    # the variance of estimated effects exceeds the true one by that of their noise
-    common = float(np.var(effects[often], ddof=1) - variance * np.mean(1 / runs[often])) if often.sum() > 1 else 0.0
-    return variance, max(common, 0.0), repeats
+        return unknown
+    of_beds_, leverage = directions @ (directions.T @ off), np.sum(directions**2, axis=1)
+    squares, freedom = (off - of_beds_) ** 2, 1 - 1 / counts[where] - leverage
+    variance = float(squares.sum()) / repeats
+    sums, degrees = (np.bincount(groups, weights, number) for weights in (squares, freedom))
+    noises = (sums + FEWEST_REPEATS * variance) / (degrees + FEWEST_REPEATS)
+    # squares of the effects of beds hold noise too, as much as its variance at their leverages
+    common = float(of_beds_ @ of_beds_ - leverage @ noises[groups]) / float(np.sum(own**2))
+    return variance, max(common, 0.0), repeats, noises
 
 
 @dataclass(frozen=True)

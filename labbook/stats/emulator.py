@@ -53,14 +53,19 @@ class Emulator:
 
     @classmethod
     def of(
-        cls, settings: np.ndarray, values: np.ndarray, variance: float, beds: np.ndarray, of_beds: float = 0.0
+        cls,
+        settings: np.ndarray,
+        values: np.ndarray,
+        variance: float | np.ndarray,
+        beds: np.ndarray,
+        of_beds: float = 0.0,
     ) -> "Emulator":
         """Fit the response.
 
         Args:
             settings: Settings of the runs, from 0 to 1, shape [n, d].
             values: Values of the runs, shape [n].
-            variance: Variance of the noise of a run.
+            variance: Variance of the noise of each run, shape [n], or of all.
             beds: Seeds of the beds, shape [n].
             of_beds: Variance of the contribution that all runs of one bed share.
 
@@ -81,7 +86,8 @@ class Emulator:
         plane = ConstantKernel(_SLOPES**2, "fixed") * DotProduct(1.0, "fixed")
         deviation = ConstantKernel(0.1, _SIZES) * Matern(lengths, bounds, nu=2.5)  # pyright: ignore[reportArgumentType]
         same_bed = ConstantKernel(max(of_beds / scale**2, 1e-12), "fixed") * RBF(apart, "fixed")  # pyright: ignore[reportArgumentType]
-        settings, values, beds, noise = _with_means(settings, values, beds, max(variance, 1e-10 * scale**2), of_beds)
+        noise = np.broadcast_to(np.maximum(variance, 1e-10 * scale**2), len(values))
+        settings, values, beds, noise = _with_means(settings, values, beds, noise, of_beds)
         process = GaussianProcessRegressor(plane + deviation + same_bed, alpha=noise / scale**2)  # pyright: ignore[reportArgumentType]
         with warnings.catch_warnings(), threadpool_limits(1, "blas"):
             warnings.simplefilter("ignore", ConvergenceWarning)  # a length at its bound: the response is a plane there
@@ -144,7 +150,7 @@ def _rows(settings: np.ndarray, beds: np.ndarray | None = None) -> np.ndarray:
 
 
 def _with_means(
-    settings: np.ndarray, values: np.ndarray, beds: np.ndarray, variance: float, of_beds: float
+    settings: np.ndarray, values: np.ndarray, beds: np.ndarray, noise: np.ndarray, of_beds: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Replace runs at one setting, whose beds have no other run, by their mean, which has the same information.
 
@@ -159,12 +165,12 @@ def _with_means(
     # runs of a bed with several are rows of their own; others are named by their setting
     names = np.where(runs[of_bed] == 1, of_setting.ravel(), of_setting.max() + 1 + np.arange(len(beds)))
     _, first, of_row, counts = np.unique(names, return_index=True, return_inverse=True, return_counts=True)
-    means = np.bincount(of_row.ravel(), values) / counts
-    return settings[first], means, beds[first], (variance + of_beds) / counts - of_beds
+    means, noises = (np.bincount(of_row.ravel(), of) / counts for of in (values, noise))
+    return settings[first], means, beds[first], (noises + of_beds) / counts - of_beds
 
 
 def best_settings(
-    covariances: Sequence[np.ndarray], noises: Sequence[float], weights: Sequence[np.ndarray], number: int
+    covariances: Sequence[np.ndarray], noises: Sequence[float | np.ndarray], weights: Sequence[np.ndarray], number: int
 ) -> list[int]:
     """Choose the runs that lower the variance of emulators most.
 
@@ -173,7 +179,7 @@ def best_settings(
 
     Args:
         covariances: Covariance of the errors of each emulator among k candidates, shape [k, k].
-        noises: Variance of a run about each emulator.
+        noises: Variance of a run about each emulator: at all candidates, or at each, shape [k].
         weights: Weight of the variance of each emulator at the candidates, shape [k].
         number: Number of runs.
 
@@ -181,13 +187,14 @@ def best_settings(
         Indices of candidates.
     """
     remaining = [covariance.copy() for covariance in covariances]
+    of_runs = [np.broadcast_to(noise, len(C)) for noise, C in zip(noises, remaining, strict=True)]
     picks = list[int]()
     for _ in range(number):
         gain = np.zeros(len(remaining[0]))
-        for C, noise, weight in zip(remaining, noises, weights, strict=True):
+        for C, noise, weight in zip(remaining, of_runs, weights, strict=True):
             gain += weight @ C**2 / (np.diag(C) + noise)
         best = int(np.argmax(gain))
         picks.append(best)
-        for C, noise in zip(remaining, noises, strict=True):
-            C -= np.outer(C[:, best], C[best]) / (C[best, best] + noise)
+        for C, noise in zip(remaining, of_runs, strict=True):
+            C -= np.outer(C[:, best], C[best]) / (C[best, best] + noise[best])
     return picks
