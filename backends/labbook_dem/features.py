@@ -267,7 +267,7 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
         raise Unsupported("container.parts[].moves", f"{reason}; use --backend numba, or leave moves out")
     if needs.periodic and not can.periodic:
         reason = f"the backend {can.name} has no periodic sides"
-        raise Unsupported("container.periodic", f"{reason}; use --backend reference, or leave periodic out")
+        raise Unsupported("container.periodic", f"{reason}; use --backend numba, or leave periodic out")
     for formulas, names in ((LAWS, (needs.contact.law,)), (WALLS, needs.walls - {MESH})):
         for name in names:
             _ = formulas[name]  # raises BrokenPlugin if a definition is missing
