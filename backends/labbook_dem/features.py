@@ -96,8 +96,11 @@ def _features(needs: Needs, precision: str, probes: Sequence[Probe]) -> dict[str
     }
 
 
-ALWAYS = ("FRICTION", "ROLLING", "MOVING", "ANY_WALLS", "OUTLET", "CROSSING", "LEDGER")
-"""Switches that may be on for a scene that does not need them: coefficients, velocities and lists are empty then."""
+ALWAYS = ("FRICTION", "ROLLING", "MOVING", "ANY_WALLS", "OUTLET", "CROSSING", "LEDGER", "PERIODIC")
+"""Switches that may be on for a scene that does not need them: coefficients, velocities and lists are empty then, and
+periodic sides ENDLESS apart."""
+ENDLESS = 1e30
+"""Distance [m] of periodic sides in kernels where there are none: beyond it no coordinate is brought."""
 
 
 def constants(spec: Spec) -> dict[str, int]:
@@ -147,6 +150,11 @@ def rolling_springs(scene: Scene) -> bool:
 
 def _rolling_springs(contact: ContactLaw, surfaces: Sequence[Surface]) -> bool:
     return contact.rolling_model == "epsd" and any(s.rolling_friction for s in surfaces)
+
+
+def period(scene: Scene) -> float:
+    """Distance [m] of periodic sides along y; ENDLESS without them."""
+    return min(scene.container.period, ENDLESS)
 
 
 def has_meshes(scene: Scene) -> bool:
@@ -277,7 +285,7 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
         raise Unsupported("container.parts[].moves", f"{reason}; use --backend numba, or leave moves out")
     if needs.periodic and not can.periodic:
         reason = f"the backend {can.name} has no periodic sides"
-        raise Unsupported("container.periodic", f"{reason}; use --backend reference, or leave periodic out")
+        raise Unsupported("container.periodic", f"{reason}; use --backend numba, or leave periodic out")
     for formulas, names in ((LAWS, (needs.contact.law,)), (WALLS, needs.walls - {MESH})):
         for name in names:
             _ = formulas[name]  # raises BrokenPlugin if a definition is missing

@@ -69,5 +69,5 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
         mesh_listed=meshes.listed,
         mesh_moves=moves,
         part_speed=features.part_speed(scene, reach),
-        period=scene.container.period,
+        period=features.period(scene),
     )

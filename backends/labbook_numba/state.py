@@ -242,7 +242,7 @@ class Params(NamedTuple):
     mesh_...: of walls that are meshes (`labbook_dem.mesh_grid`); mesh_moves: distance [m] by which a grain may move in
     the frame of one before lists are rebuilt; part_speed: largest speed [m/s] of parts that move.
 
-    period: distance [m] of periodic sides along y; infinite without them.
+    period: distance [m] of periodic sides along y; `labbook_dem.features.ENDLESS` without them.
     """
 
     c: tuple

@@ -39,7 +39,7 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     record.inverse_mass, record.inverse_inertia = 1 / grains.mass, 1 / grains.inertia
     record.gravity, record.dt = scene.gravity, numerics.dt
     record.rolling_stiffness, record.rolling_damping = scene.contact.rolling_spring
-    record.period = scene.container.period
+    record.period = features.period(scene)
     record.speed_limit2, record.overlap_limit = numerics.speed_limit**2, numerics.overlap_limit * scene.grains.finest
     record.quantum_f, record.quantum_t = _quantum(force), _quantum(force * (r + grains.overhang))
     record.per_quantum_f, record.per_quantum_t = 1 / record.quantum_f, 1 / record.quantum_t

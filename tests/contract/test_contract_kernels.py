@@ -131,7 +131,7 @@ def test_they_leave_out_every_feature(sharing):
     out = {name: {switch for switch in ALWAYS if not spec.feature(switch)} for name, spec in features.items()}
     out = {name: switches | set(WALLS) - set(features[name].feature("walls")) for name, switches in out.items()}
     every = {*ALWAYS, *WALLS}
-    assert out["silo"] == {"MOVING", "frustum", "thick-plate", "CROSSING", "LEDGER"}
+    assert out["silo"] == {"MOVING", "frustum", "thick-plate", "CROSSING", "LEDGER", "PERIODIC"}
     assert out["free"] == every, "of a scene with nothing but grains"
     assert out["in a tube"] >= {"ROLLING", "plane", "strip", "OUTLET"}
     assert out["on springs"] >= {"ROLLING", "strip", "frustum"}

@@ -87,6 +87,21 @@ def test_every_contact_is_there_once(stand: Bundled, period):
     assert np.abs(branch - [expected[pair] for pair in pairs]).max() < 1e-6 * D, "rows of contacts may be single"
 
 
+def test_members_of_other_periods_side_by_side_change_no_bit(stand: Bundled):
+    crowds = [crowd(period) for period in (2.6, 5.9)]
+    numerics = stand.numerics(DT, steps_per_beat=60)
+    ensemble = stand.backend.open(
+        stand.backend.specialise(crowds[0][0], numerics, (CONTACTS, Ledger())), 2, stand.device
+    )
+    try:
+        members = [ensemble.admit(of, numerics, start) for of, start in crowds]
+        assert not ensemble.advance(1)
+        for member, (of, start) in zip(members, crowds, strict=True):
+            assert identical(ensemble.packing(member), ends(stand, of, start, 1, 60)[0])
+    finally:
+        ensemble.close()
+
+
 def test_on_from_a_checkpoint_with_the_same_bits(stand: Bundled):
     of, start = crowd(3.7)
     along = np.array([0.0, 1.0, 0.0])

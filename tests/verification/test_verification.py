@@ -86,8 +86,6 @@ LONG = {
     *("moving-turntable", "moving-balance"),
     # kernels of rods at meshes are compiled for these only; test_dem_mesh_rods has their contacts
     *(case.name for case in mesh_rods.CASES),
-    # and those of rods between periodic sides; the other cases have spheres there
-    "periodic-rods",
 }
 """Cases that take twenty seconds and more anywhere on a processor, with kernels of their own or many steps."""
 BY_THE_REFERENCE = {

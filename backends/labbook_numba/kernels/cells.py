@@ -30,27 +30,33 @@ def cells_between(length, size):
 
 
 @func
-def cells_along_y(length, size):
+def repeats(period):
+    """True between periodic sides, whose distance [m] is then no placeholder."""
+    return PERIODIC and period < wide(1e29)
+
+
+@func
+def cells_along_y(length, size, period):
     """Number of cells along y."""
-    return cells_between(length, size) if PERIODIC else cells(length, size)
+    return cells_between(length, size) if repeats(period) else cells(length, size)
 
 
 @func
-def first_along_y(own, cells_y):
+def first_along_y(own, period):
     """First cell along y to look into for neighbours of a grain in cell `own`; `wrapped` turns it into one there is."""
-    return own - 1 if PERIODIC else max(own - 1, 0)
+    return own - 1 if repeats(period) else max(own - 1, 0)
 
 
 @func
-def end_along_y(own, cells_y):
+def end_along_y(own, cells_y, period):
     """End of the cells along y to look into: two or fewer cells are looked into once."""
-    return own - 1 + min(cells_y, 3) if PERIODIC else min(own + 2, cells_y)
+    return own - 1 + min(cells_y, 3) if repeats(period) else min(own + 2, cells_y)
 
 
 @func
-def wrapped(along_y, cells_y):
+def wrapped(along_y, cells_y, period):
     """Cell along y beyond a periodic side, as the one that it repeats."""
-    return (along_y + cells_y) % cells_y if PERIODIC else along_y
+    return (along_y + cells_y) % cells_y if repeats(period) else along_y
 
 
 @kernel
@@ -59,12 +65,12 @@ def cells_of(grains, n, size, cell, period):
     x, dx = extent(grains, n, X + 0)
     y, dy = extent(grains, n, X + 1)
     z, dz = extent(grains, n, X + 2)
-    if PERIODIC:
+    if repeats(period):
         y, dy = wide(-0.5) * period, period
-    while cells(dx, size) * cells_along_y(dy, size) * cells(dz, size) > CELLS * n + SPARE_CELLS:
+    while cells(dx, size) * cells_along_y(dy, size, period) * cells(dz, size) > CELLS * n + SPARE_CELLS:
         size *= wide(1.26)  # doubles the volume of a cell
-    nx, ny, nz = int64(cells(dx, size)), int64(cells_along_y(dy, size)), int64(cells(dz, size))
-    size_y = period / ny if PERIODIC else size
+    nx, ny, nz = int64(cells(dx, size)), int64(cells_along_y(dy, size, period)), int64(cells(dz, size))
+    size_y = period / ny if repeats(period) else size
     for i in range(n):
         # at most the last cell, even if the division rounds up
         cell[i, 0] = min(int64((grains[i, X + 0] - x) / size), nx - 1)

@@ -20,9 +20,9 @@ def near_pairs(st: State, p: Params, pair_i, pair_j, cell, head, next_grain):
     for i in range(n):
         start = count
         for a in range(max(cell[i, 0] - 1, 0), min(cell[i, 0] + 2, nx)):
-            for b in range(first_along_y(cell[i, 1], ny), end_along_y(cell[i, 1], ny)):
+            for b in range(first_along_y(cell[i, 1], p.period), end_along_y(cell[i, 1], ny, p.period)):
                 for c in range(max(cell[i, 2] - 1, 0), min(cell[i, 2] + 2, nz)):
-                    j = head[(a * ny + wrapped(b, ny)) * nz + c]
+                    j = head[(a * ny + wrapped(b, ny, p.period)) * nz + c]
                     while j > i:  # the list of a cell descends: the rest are pairs with i second
                         near = near_grain(grains, body, i, j, reach, p.half, p.skin, p.period)
                         if CLUMPS:  # spheres of one clump do not act on each other

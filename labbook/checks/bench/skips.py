@@ -92,6 +92,7 @@ SKIPS = (
     Skip("an outlet", features={"OUTLET": True}),
     Skip("crossings of a plane", features={"CROSSING": True}),
     Skip("energies", features={"LEDGER": True}),
+    Skip("periodic sides", features={"PERIODIC": True}),
     Skip("new lists of neighbours five times as often", numerics={"skin": 0.03}, falling=True),
     Skip("forces of walls at every beat", probes=(Traction(size=6e-3),)),
     Skip("frames of all grains at every beat", probes=(Sample(fields=("x", "v", "omega")),)),

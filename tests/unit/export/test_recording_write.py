@@ -3,13 +3,17 @@
 import sys
 from dataclasses import replace
 
+import labbook_reference
 import numpy as np
 import pytest
 
+from labbook.backend.numerics import Numerics
+from labbook.checks.verify.materials import linear, scene
 from labbook.checks.verify.mesh import of_triangles, sheet
+from labbook.checks.verify.stand import grains_at
 from labbook.export.colour_bar import speed_colours, speed_ticks
 from labbook.export.entities import CLOCK, Steady, ViewerMissing, log_grains, paths_of
-from labbook.export.forces import PairForces
+from labbook.export.forces import PairForces, pair_forces
 from labbook.export.frames import FRAMES, Frame, NotRecorded, frames_of, frames_of_run, top_speed
 from labbook.export.recording import RecordedRun, flow_curves, write
 from labbook.export.views import seen_from
@@ -26,6 +30,7 @@ from labbook.scene import (
     Primitives,
     Scene,
     Spherocylinders,
+    WedgeHopper,
 )
 
 rerun = pytest.importorskip("rerun")
@@ -132,6 +137,21 @@ def test_a_path_ends_where_a_grain_was_put_back():
     assert [one for one, _ in paths] == [7, 7]
     np.testing.assert_allclose(paths[0][1][:, 2], z[:3], atol=1e-7)
     np.testing.assert_allclose(paths[1][1][:, 2], z[3:], atol=1e-7)
+
+
+def test_a_path_ends_at_periodic_sides_and_lines_of_force_go_on_beyond_them():
+    y = np.array([0.008, 0.009, -0.010, -0.009])
+    frames = [Frame(0.001 * k, np.array([[0, y[k], 0]], np.float32), np.array([[0.0, 1.0, 0.0]]), np.array([3]))
+              for k in range(4)]  # fmt: skip
+    parts = [path[:, 1] for _, path in paths_of(frames, np.array([3]), 0.003, 0.02)]
+    assert [part.tolist() for part in parts] == [pytest.approx(y[:2]), pytest.approx(y[2:])]
+    silo = WedgeHopper(width=0.06, height=0.2, thickness=0.02, orifice=0.02, periodic="y")
+    of = scene(2, linear(), silo)
+    start = grains_at([[0.0, 0.009, 0.01], [0.0, -0.0085, 0.01]])
+    frame = Frame(0.0, start.x.astype(np.float32), start.v, np.arange(2))
+    (ends,), size = pair_forces(labbook_reference.Backend(), of, Numerics(dt=1e-6), start, frame)
+    assert size > 0
+    assert ends[:, 1] == pytest.approx([0.009, 0.0115], abs=1e-8)
 
 
 def test_the_window_is_a_box_as_high_as_the_mean(run, tmp_path):

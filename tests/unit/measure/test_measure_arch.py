@@ -187,6 +187,14 @@ def test_across_a_deep_slot_arches_stand_beside_each_other():
     assert chains == [list(range(7)), [], list(range(n, n + 7))]
 
 
+def test_a_plane_beside_periodic_sides_looks_across_them():
+    deep = WedgeHopper(width=0.06, height=0.2, thickness=3 * D, orifice=4 * D, periodic="y")
+    first = planes_of(scene_of(deep))[0]
+    side, off = first.side(np.array([[0.01, 1.4 * D, 0.0], [0.01, -1.4 * D, 0.0]]))
+    assert side == pytest.approx([0.01, 0.01])
+    assert off == pytest.approx([0.6 * D, 0.4 * D])
+
+
 def test_beds_of_older_evaluations_of_layers_have_links_along_the_arch():
     ids, x, _ = half_circle()
     bed = StoppedBed(ids, x, np.zeros((0, 2), int), np.zeros(0), np.arange(7), np.ones(6), neighbours(np.arange(7)))

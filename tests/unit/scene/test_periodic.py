@@ -1,7 +1,9 @@
 """Periodic sides: what a container says, what it refuses, and what crosses its sides."""
 
 import math
+from dataclasses import replace
 
+import labbook_reference
 import numpy as np
 import pytest
 from labbook_dem.images import image, nearest
@@ -9,6 +11,8 @@ from labbook_dem.words import vec3
 from pydantic import ValidationError
 from scipy.spatial import KDTree
 
+from labbook.backend import Unsupported
+from labbook.backend.numerics import Numerics
 from labbook.filling.placing import place
 from labbook.lab.identity import scene_key
 from labbook.measure.packing import packing_fraction
@@ -60,6 +64,16 @@ def test_a_container_has_no_front_and_back_and_its_key_changes_only_with_periodi
     assert math.isinf(walled.period)
     assert "periodic" not in walled.model_dump()
     assert box().model_dump()["periodic"] == "y"
+
+
+def test_a_backend_without_them_refuses_them_before_anything_runs():
+    backend = labbook_reference.Backend()
+    numerics = Numerics(dt=1e-5)
+    assert backend.specialise(scene(), numerics).feature("PERIODIC")
+    backend.capabilities = replace(backend.capabilities, periodic=False)
+    with pytest.raises(Unsupported, match="no periodic sides") as refused:
+        backend.specialise(scene(), numerics)
+    assert refused.value.key == "container.periodic"
 
 
 def test_keys_tell_periods_apart_which_no_wall_does():
