@@ -50,8 +50,8 @@ def specialise(
         Unsupported: the backend lacks a feature, or has too few numbers for the grains.
     """
     if scene.grains.count * features.rows_of_grain(scene) > MOST_GRAINS:
-        limit = f"{MOST_GRAINS} grains, or spheres of clumps"
-        remedy = f"the backend warp numbers at most {limit}; use fewer, or the backend numba"
+        counted = "spheres of clumps" if features.rows_of_grain(scene) > 1 else "grains"
+        remedy = f"the backend warp numbers at most {MOST_GRAINS} {counted}; use fewer, or the backend numba"
         raise Unsupported("grains.count", remedy)
     spec = features.specialise(capabilities, scene, numerics, probes, wide)
     listed = len(scene.container.walls()) * (parts or most_parts(spec)) > MOST_CONTACTS
