@@ -9,7 +9,7 @@ import numpy as np
 from labbook.backend import Capabilities, Spec, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Dissipation, Film, Ledger, Probe, Sample, Traction, Zone
-from labbook.scene import Clumps, ContactLaw, Grains, Scene, Spherocylinders, Surface, TriangleMesh
+from labbook.scene import ContactLaw, Grains, Scene, Spherocylinders, Surface, TriangleMesh
 from labbook.scene.model import once
 from labbook.scene.walls import AT_REST
 from labbook_dem.coefficients import COEFFICIENTS
@@ -199,11 +199,6 @@ def is_oriented(scene: Scene) -> bool:
 def has_rods(scene: Scene) -> bool:
     """True if grains are rods: segments with an axis."""
     return isinstance(scene.grains, Spherocylinders)
-
-
-def rows_of_grain(scene: Scene) -> int:
-    """Number of rows of a grain in the arrays of compiled backends: one for each sphere of a clump."""
-    return len(scene.grains.spheres) if isinstance(scene.grains, Clumps) else 1
 
 
 def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:

@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from types import ModuleType
 
 import numpy as np
+from labbook_dem.clump_rows import bodies_of_spheres, contacts_of_grains, packing_of_rows, rows_of_grain
 from labbook_dem.ensemble import NOT_RECORDED, Failure, Standing, check_checkpoint, explain, places
-from labbook_dem.features import has_meshes, is_oriented, pose_table, rolling_springs, rows_of_grain
+from labbook_dem.features import has_meshes, is_oriented, pose_table, rolling_springs
 from labbook_dem.mesh import SPRING_KEY, spring_places
 from labbook_dem.mesh_grid import first_features, shapes_of
 from labbook_dem.reading import Grains, Inside
@@ -16,7 +17,6 @@ from labbook.backend import Capabilities, Checkpoint
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import SLIDING, Crossing, Traction
 from labbook.scene import Bodies, Clumps, Packing, Scene
-from labbook.scene.grains import MOST_SPHERES
 from labbook_numba import state as S
 from labbook_numba.domains import advance, in_layers
 from labbook_numba.parameters import parameters
@@ -78,17 +78,8 @@ class Run(Standing):
 
     def _set_springs(self, packing: Packing) -> None:
         st, pairs = self.state, int(self.state.count[S.PAIRS])
-        # rows of State.grains that touch: grains, or spheres of clumps
-        pair_rows, wall_rows, wall_parts = packing.pairs, packing.wall_grain, packing.wall_part
-        if self.layout.CLUMPS:
-            if packing.pair_parts is None and len(pair_rows):
-                raise ValueError("clumps cannot start from a packing without pair_parts: it is not one of clumps")
-            parts = np.zeros((0, 2), np.int64) if packing.pair_parts is None else packing.pair_parts
-            if max(parts.max(initial=0), (wall_parts % MOST_SPHERES).max(initial=0)) >= self._spheres:
-                raise ValueError(f"the packing has springs of spheres that clumps of {self._spheres} do not have")
-            pair_rows = pair_rows * self._spheres + parts
-            wall_rows, wall_parts = wall_rows * self._spheres + wall_parts % MOST_SPHERES, wall_parts // MOST_SPHERES
-        index = places(_keys(st.pair_i[:pairs], st.pair_j[:pairs]), _keys(*pair_rows.T))
+        packing = packing_of_rows(self.scene, packing)
+        index = places(_keys(st.pair_i[:pairs], st.pair_j[:pairs]), _keys(*packing.pairs.T))
         listed = index >= 0
         st.spring[index[listed], :3] = packing.pair_spring[listed]
         pair_rolling, wall_rolling = packing.rolling
@@ -98,9 +89,9 @@ class Run(Standing):
         for w, name in enumerate(self.names):
             first, last = st.wall_first[w], st.wall_first[w + 1]
             of_wall = packing.wall_name == name
-            index = places(st.wall_grain[first:last], wall_rows[of_wall])
+            index = places(st.wall_grain[first:last], packing.wall_grain[of_wall])
             listed = index >= 0
-            entry, part = first + index[listed], wall_parts[of_wall][listed]
+            entry, part = first + index[listed], packing.wall_part[of_wall][listed]
             first_feature, next_feature = self._first_feature[w : w + 2]
             if part.max(initial=0) >= (next_feature - first_feature or self.layout.WALL_PARTS):
                 raise ValueError(f"the packing has a spring at part {part.max()} of the wall {name}")
@@ -303,25 +294,22 @@ class Run(Standing):
         first_feature, next_feature = self._first_feature[wall[entry]], self._first_feature[wall[entry] + 1]
         feature = st.wall_spring[row, SPRING_KEY].astype(np.int64) - first_feature
         part = np.where(next_feature > first_feature, feature, part)
-        pair_rows = np.column_stack([st.pair_i[:pairs], st.pair_j[:pairs]])[touching].astype(np.int64)
-        wall_rows, pair_parts = st.wall_grain[:walls][entry].astype(np.int64), None
-        if self.layout.CLUMPS:
-            pair_rows, pair_parts = np.divmod(pair_rows, self._spheres)
-            wall_rows, place = np.divmod(wall_rows, self._spheres)
-            part = MOST_SPHERES * part + place
+        pairs_of_rows = np.column_stack([st.pair_i[:pairs], st.pair_j[:pairs]])[touching].astype(np.int64)
+        at_walls = st.wall_grain[:walls][entry].astype(np.int64)
+        contacts = contacts_of_grains(self.scene, pairs_of_rows, at_walls, part)
         return Packing(
             x=st.x[:n].copy(),
             v=v,
             omega=w,
             q=None if self.q is None else self.q.copy(),
             ids=self.ids.copy(),
-            pairs=pair_rows,
-            pair_parts=pair_parts,
+            pairs=contacts.pairs,
+            pair_parts=contacts.pair_parts,
+            wall_grain=contacts.wall_grain,
+            wall_part=contacts.wall_part,
             pair_spring=st.spring[:pairs, :3][touching],
-            wall_grain=wall_rows,
             wall_name=np.array([*self.names, ""], "U40")[wall[entry]],
             wall_spring=st.wall_spring[row, :3],
-            wall_part=part,
             pair_rolling=st.spring[:pairs, roll][touching] if self._rolling else None,
             wall_rolling=st.wall_spring[row, roll] if self._rolling else None,
             **(varied.carried(self.scene.grains) if varied else {}),
@@ -381,8 +369,7 @@ class Run(Standing):
             self._orient(packing, rows)
         if isinstance(self.scene.grains, Clumps):
             grains = self.scene.grains
-            spheres = [[sphere.radius, grains.mass, grains.inertia_axis, 0.0] for sphere in grains.spheres]
-            st.body[of_rows] = np.tile(spheres, (len(packing), 1))
+            st.body[of_rows] = np.tile(bodies_of_spheres(grains), (len(packing), 1))
         self._place_spheres(rows)
 
     def _place_spheres(self, rows: slice) -> None:

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 
 import numpy as np
+from labbook_dem.clump_rows import rows_of_grain
 from labbook_dem.ensemble import LONGEST
-from labbook_dem.features import has_meshes, rolling_springs, rows_of_grain
+from labbook_dem.features import has_meshes, rolling_springs
 from labbook_dem.mesh import SPRING_KEY
 from labbook_dem.mesh_grid import first_features, shapes_of
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from types import ModuleType
 
 import warp as wp
-from labbook_dem.features import rows_of_grain
+from labbook_dem.clump_rows import rows_of_grain
 from labbook_dem.mesh import MESH_CONTACTS
 
 from labbook.backend import Overflow, Spec

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from labbook_dem.clump_rows import rows_of_grain
 from labbook_dem.ensemble import NOT_RECORDED, Failure
-from labbook_dem.features import rows_of_grain
 from labbook_dem.ledger import kinetic
 from labbook_dem.rotation import momenta
 
@@ -51,7 +51,7 @@ class Run:
     lattice: tuple[int, ...] = ()
     """Numbers of cells along x, y, z."""
     ids: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-    """Ids of the rows (`transfer.row_ids`); shorter than `rows` until they are read from the device."""
+    """Ids of the rows (`labbook_dem.clump_rows`); shorter than `rows` until they are read from the device."""
     free: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     """Rows whose grain left before the last beat: no list refers to them any more, and another grain may take them."""
     empty: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))

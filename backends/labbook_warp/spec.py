@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from labbook_dem import dispatch, features
+from labbook_dem.clump_rows import rows_of_grain
 from labbook_dem.mesh import MESH_CONTACTS
 
 from labbook.backend import Capabilities, Spec, Unsupported
@@ -49,9 +50,9 @@ def specialise(
     Raises:
         Unsupported: the backend lacks a feature, or has too few numbers for the grains.
     """
-    if scene.grains.count * features.rows_of_grain(scene) > MOST_GRAINS:
-        limit = f"{MOST_GRAINS} grains, or spheres of clumps"
-        remedy = f"the backend warp numbers at most {limit}; use fewer, or the backend numba"
+    if scene.grains.count * rows_of_grain(scene) > MOST_GRAINS:
+        counted = "spheres of clumps" if rows_of_grain(scene) > 1 else "grains"
+        remedy = f"the backend warp numbers at most {MOST_GRAINS} {counted}; use fewer, or the backend numba"
         raise Unsupported("grains.count", remedy)
     spec = features.specialise(capabilities, scene, numerics, probes, wide)
     listed = len(scene.container.walls()) * (parts or most_parts(spec)) > MOST_CONTACTS

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 from labbook_dem import features
+from labbook_dem.clump_rows import row_ids
 from labbook_dem.mesh_grid import mesh_reach
 
 from labbook.backend import Capabilities, Checkpoint, Spec
@@ -186,7 +187,7 @@ class Stage:
             assert grains.ids is not None
             plane, _ = features.planes(run.scene, run.probes)
             parts.append(transfer.entering(arrays, run.scene, grains, half_v, plane))
-            own, reused[run] = run.takes(transfer.row_ids(grains.ids, run.per_grain))
+            own, reused[run] = run.takes(row_ids(grains.ids, run.per_grain))
             rows.append(run.slot * cap + own)
         self._count_work(reused)
         together = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 
 import numpy as np
+from labbook_dem.clump_rows import rows_of_grain
 from labbook_dem.ensemble import LONGEST, check_checkpoint
-from labbook_dem.features import has_rods, rows_of_grain
+from labbook_dem.features import has_rods
 from labbook_dem.mesh_grid import first_features, shapes_of
 
 from labbook.backend import Capabilities, Checkpoint, Spec

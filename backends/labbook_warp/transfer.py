@@ -4,7 +4,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from labbook_dem.features import has_rods, is_oriented, rows_of_grain
+from labbook_dem.clump_rows import (
+    bodies_of_spheres,
+    contacts_of_grains,
+    packing_of_rows,
+    row_ids,
+    rows_of_grain,
+)
+from labbook_dem.features import has_rods, is_oriented
 from labbook_dem.mesh import spring_places
 from labbook_dem.mesh_grid import first_features, shapes_of
 from labbook_dem.reading import Inside
@@ -12,7 +19,6 @@ from labbook_dem.rotation import momenta, spins
 
 from labbook.backend import Checkpoint
 from labbook.scene import Bodies, Clumps, Packing, Scene, TriangleMesh
-from labbook.scene.grains import MOST_SPHERES
 from labbook.scene.hulls import sphere_centres
 from labbook.scene.orientation import axes
 from labbook_warp.arrays import Arrays, SlotState
@@ -70,12 +76,11 @@ def _entering_clumps(
     rows = {name: np.zeros((n, len(spheres), values.shape[1])) for name, values in own.items()}
     for name, values in own.items():
         rows[name][:, 0] = values
-    bodies = [[sphere.radius, grains.mass, grains.inertia_axis, 0.0] for sphere in spheres]
     return {
         "ids": row_ids(packing.ids, len(spheres)).astype(np.int32),
         "gone": np.repeat(packing.x[:, 2] < plane, len(spheres)).astype(np.int32),
         "p": sphere_words(arrays, grains, packing.x, v, packing.omega, q),
-        "body": np.tile(bodies, (n, 1)),
+        "body": np.tile(bodies_of_spheres(grains), (n, 1)),
         **{name: values.reshape(n * len(spheres), -1) for name, values in rows.items()},
     }
 
@@ -88,11 +93,6 @@ def sphere_words(
     centres, per_grain = sphere_centres(grains, x, q), len(grains.spheres)
     x, v, omega = (np.repeat(vectors, per_grain, axis=0) for vectors in (x, v, omega))
     return arrays.codec.encode(centres, v + np.cross(omega, centres - x), omega)
-
-
-def row_ids(ids: np.ndarray, per_grain: int) -> np.ndarray:
-    """Ids of the rows of grains: of a clump per_grain times its own plus the place of the sphere."""
-    return (ids[:, None] * per_grain + np.arange(per_grain)).ravel()
 
 
 def joined(
@@ -143,7 +143,8 @@ def _in_blocks(arrays: Arrays, x: np.ndarray, cell: float) -> np.ndarray:
 
 def set_springs(arrays: Arrays, slot: int, scene: Scene, packing: Packing, names: Sequence[str]) -> None:
     """Write a packing's springs into the new lists of a slot, on both sides of each pair."""
-    packing, n = _of_spheres(scene, packing), len(packing) * rows_of_grain(scene)
+    packing = packing_of_rows(scene, packing)
+    n = len(packing)
     if not len(packing.pairs) and not len(packing.wall_grain):
         return
     ids = arrays.read("ids", slot, n)
@@ -170,34 +171,6 @@ def set_springs(arrays: Arrays, slot: int, scene: Scene, packing: Packing, names
         arrays.write("rolling", slot, rolling)
     if names and len(packing.wall_grain):
         _set_wall_springs(arrays, slot, scene, packing, rows, names)
-
-
-def _of_spheres(scene: Scene, packing: Packing) -> Packing:
-    """Packing whose ids and springs are those of rows, if grains are clumps: of their spheres."""
-    per_grain = rows_of_grain(scene)
-    if not isinstance(scene.grains, Clumps):
-        return packing
-    parts, at_walls = packing.pair_parts, packing.wall_part
-    if parts is None:
-        if len(packing.pairs):
-            raise ValueError("clumps cannot start from a packing without pair_parts: it is not one of clumps")
-        parts = np.zeros((0, 2), np.int64)
-    if max(parts.max(initial=0), (at_walls % MOST_SPHERES).max(initial=0)) >= per_grain:
-        raise ValueError(f"the packing has springs of spheres that clumps of {per_grain} do not have")
-    assert packing.ids is not None
-    x, v, omega = (np.repeat(vectors, per_grain, axis=0) for vectors in (packing.x, packing.v, packing.omega))
-    return Packing(
-        x=x,
-        v=v,
-        omega=omega,
-        ids=row_ids(packing.ids, per_grain),
-        pairs=packing.pairs * per_grain + parts,
-        pair_spring=packing.pair_spring,
-        wall_grain=packing.wall_grain * per_grain + at_walls % MOST_SPHERES,
-        wall_name=packing.wall_name,
-        wall_spring=packing.wall_spring,
-        wall_part=at_walls // MOST_SPHERES,
-    )
 
 
 def _set_wall_springs(
@@ -276,12 +249,8 @@ def packing(state: SlotState, scene: Scene, v: np.ndarray, m: np.ndarray) -> Pac
     by_wall = np.lexsort((place[wall_row], part, wall_index))
     by_wall = by_wall[place[wall_row[by_wall]] >= 0]
     k_wall, wall_row, wall_index, part = k_wall[by_wall], wall_row[by_wall], wall_index[by_wall], part[by_wall]
-    pairs, pair_parts = np.column_stack([i[selected], j[selected]])[by_pair], None
-    wall_grain, per_grain = place[wall_row], state.per_grain
-    if isinstance(scene.grains, Clumps):
-        pairs, pair_parts = np.divmod(pairs, per_grain)
-        wall_grain, of_clump = np.divmod(wall_grain, per_grain)
-        part = MOST_SPHERES * part + of_clump
+    pairs, per_grain = np.column_stack([i[selected], j[selected]])[by_pair], state.per_grain
+    contacts = contacts_of_grains(scene, pairs, place[wall_row], part)
     order = order[::per_grain]  # rows of grains, or of the first spheres of clumps
     q = None if orientation is None else orientation[order]
     rolling_fields: dict[str, np.ndarray | None] = {}
@@ -296,13 +265,13 @@ def packing(state: SlotState, scene: Scene, v: np.ndarray, m: np.ndarray) -> Pac
         omega=spins(scene.grains, m[order], q),
         q=q,
         ids=ids[order] // per_grain,
-        pairs=pairs,
-        pair_parts=pair_parts,
+        pairs=contacts.pairs,
+        pair_parts=contacts.pair_parts,
+        wall_grain=contacts.wall_grain,
+        wall_part=contacts.wall_part,
         pair_spring=spring[k, row][selected][by_pair].astype(np.float64),
-        wall_grain=wall_grain,
         wall_name=np.array([*names, ""], "U40")[wall_index],
         wall_spring=state.read("wall_spring")[k_wall, wall_row].astype(np.float64),
-        wall_part=part,
         **rolling_fields,
         **(varied.carried(scene.grains) if varied else {}),
     )

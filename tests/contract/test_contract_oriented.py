@@ -247,6 +247,22 @@ def test_fed_grains_continue_from_a_checkpoint_bit_for_bit(oriented, bed):
         assert np.array_equal(np.concatenate([before[name], after[name]]), column), name
 
 
+def test_checkpoints_and_packings_of_other_clumps_are_refused(oriented, bed):
+    """Of clumps of three spheres, where clumps have two: they have springs of a sphere that is not there."""
+    if oriented.shape != "clump":
+        pytest.skip("rods have no spheres")
+    scene = silo(oriented)
+    pair = scene.grains.model_copy(
+        update={"centres": scene.grains.centres[:2], "diameters": scene.grains.diameters[:2]}
+    )
+    other = scene.model_copy(update={"grains": pair})
+    packing, _, stored = run(oriented, scene, bed, (1,))
+    assert np.asarray(packing.pair_parts).max() == 2
+    for start in (stored, packing):
+        with pytest.raises(ValueError, match=r"(grains of|do not have)"):
+            run(oriented, other, start, (1,))
+
+
 def test_spheres_have_no_orientation_to_sample(oriented):
     with pytest.raises(Unsupported, match="orientation"):
         oriented.backend.specialise(hopper(), numerics(oriented), [SAMPLE])

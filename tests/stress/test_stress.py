@@ -18,7 +18,7 @@ from labbook.cli import build
 
 IN_ONE = {
     *("pyramid", "edges", "wall-sums", "time-step", "stiffness", "incline", "units", "size-ratio"),
-    *("rods-stacked", "powers", "meshes", "moving-parts", "periodic-sides"),
+    *("rods-stacked", "clumps-stacked", "powers", "meshes", "moving-parts", "periodic-sides"),
 }
 """Cases that take long, or kernels of their own: a backend takes them in its first precision only."""
 OF_ITS_OWN = {"pyramid", "size-ratio", "powers", "meshes", "moving-parts", "periodic-sides"}

@@ -1,12 +1,25 @@
 """All stress cases, in the order in which they are best read."""
 
-from labbook.checks.stress import counts, frames, geometry, impacts, meshes, moving, powers, pushes, sides, steps
+from labbook.checks.stress import (
+    clumps,
+    counts,
+    frames,
+    geometry,
+    impacts,
+    meshes,
+    moving,
+    powers,
+    pushes,
+    sides,
+    steps,
+)
 from labbook.checks.stress.case import StressCase
 
 CASES: tuple[StressCase, ...] = (
     *impacts.CASES,
     *steps.CASES,
     *geometry.CASES,
+    *clumps.CASES,
     *meshes.CASES,
     *moving.CASES,
     *frames.CASES,

@@ -33,12 +33,20 @@ def test_every_skip_leaves_something_out_that_kernels_with_it_cover(skip):
     if skip.features or skip.walls:
         assert not covers(plain, whole)
     else:
-        assert skip.numerics or skip.probes
+        assert skip.numerics or skip.probes or skip.restored(scene) != scene
 
 
 def test_every_feature_that_may_be_left_out_is_put_back_by_one():
     by_features = {name for skip in SKIPS for name in skip.features} | {"walls"}
     assert set(ALWAYS) - by_features == {"ANY_WALLS"}, "scenes without any wall are no hopper"
+
+
+def test_clumps_of_one_sphere_have_the_mass_of_the_spheres_that_they_stand_for():
+    (skip,) = (skip for skip in SKIPS if "clumps" in skip.name)
+    scene = fan(grains=10).close()
+    clumps = skip.restored(scene).grains
+    assert clumps.shape == "clump"
+    assert (clumps.mass, clumps.inertia, clumps.count) == (scene.grains.mass, scene.grains.inertia, 10)
 
 
 def test_kernels_of_another_law_cover_nothing():
