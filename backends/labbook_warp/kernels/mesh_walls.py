@@ -10,7 +10,6 @@ from labbook_dem.mesh import (
     K_OVERLAP,
     K_PLACE,
     MESH_CONTACTS,
-    NO_FEATURE,
     OVER,
     SEVERAL,
     mesh_away,
@@ -70,7 +69,7 @@ def relative(a: System, m: Material, wall: int, g: Grain, at: wide3):
 
 @func
 def only_feature(a: System, m: Material, s: int, r: int, k: int, wall: int, g: Grain):
-    """The only feature that row r touches of a mesh, whose first entry is k; NO_FEATURE if it touches none, SEVERAL if there
+    """The only feature that row r touches of a mesh, whose first entry is k; -1 if it touches none, SEVERAL if there
     may be more."""
     at = entry(a, s, a.seats, k // WALL_PARTS, r)
     listed = a.mesh_count[at]
