@@ -35,8 +35,6 @@ MESH_CONTACTS = 8
 """Contacts of a grain with one mesh, at most; each has a place for its spring."""
 OVER = -1
 """Number of contacts where there are more."""
-NO_FEATURE, SEVERAL = -1, -2
-"""In place of the only contact, where there is none, or more than one."""
 # columns of a feature: kind, patch, first condition and behind the last, a point and a unit vector, its vertices
 # (from the last on), and before these the part of 1e-5 R within which its conditions hold
 F_KIND, F_PATCH, F_FIRST, F_LAST, F_POINT, F_UNIT, F_SLACK, F_VERTICES = 0, 1, 2, 3, 4, 7, 10, 11
@@ -181,24 +179,6 @@ def mesh_contacts(
     if smooth and count > 1:
         return mesh_merged(features, contacts, count)
     return count
-
-
-@kernel
-def mesh_sole(
-    features: np.ndarray, conditions: np.ndarray, near: np.ndarray, first: int, last: int, x: wide3, radius: wide
-):  # fmt: skip
-    """Place in `near` of the only feature of near[first:last] that a sphere at x touches; NO_FEATURE if none,
-    SEVERAL if it touches more. Its contact is that of `mesh_contacts`, which needs room for several."""
-    sole = int(NO_FEATURE)
-    for k in range(first, last):
-        entry = int(near[k])
-        f = max(entry, -1 - entry)
-        touches = mesh_within(mesh_away(features, f, x), radius)
-        if touches and entry >= 0:
-            touches = mesh_holds(features, conditions, f, x, wide(1e-5) * radius * features[f, F_SLACK])
-        if touches:
-            sole = k if sole == NO_FEATURE else SEVERAL
-    return sole
 
 
 @kernel

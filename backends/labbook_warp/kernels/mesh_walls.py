@@ -9,13 +9,11 @@ from labbook_dem.mesh import (
     K_OLDER,
     K_OVERLAP,
     K_PLACE,
-    MESH_CONTACTS,
     OVER,
-    SEVERAL,
     mesh_away,
     mesh_normal,
-    mesh_sole,
     mesh_vector,
+    mesh_within,
 )
 from labbook_dem.words import FRICTION, ROLLING_SPRING, func, real, rounded, wide, wide3
 
@@ -68,35 +66,19 @@ def relative(a: System, m: Material, wall: int, g: Grain, at: wide3):
 
 
 @func
-def only_feature(a: System, m: Material, s: int, r: int, k: int, wall: int, g: Grain):
-    """The only feature that row r touches of a mesh, whose first entry is k; -1 if it touches none, SEVERAL if there
-    may be more."""
+def alone(a: System, s: int, r: int, k: int, begin: int, places: int):
+    """The feature that is the only one near row r of a mesh, whose first entry is k, if its conditions hold and no
+    spring but its own is held; else -1. begin: first feature of the mesh; places: of springs that are held, as bits."""
     at = entry(a, s, a.seats, k // WALL_PARTS, r)
-    listed = a.mesh_count[at]
-    feature = int(SEVERAL)
-    if listed <= MESH_LISTED:
-        x, first = place_at(a, wall, g.x), at * MESH_LISTED
-        radius = body(a, m, g.index).reach
-        feature = mesh_sole(a.mesh_features, a.mesh_conditions, a.mesh_near, first, first + listed, x, radius)
-        if feature >= 0:
-            feature = a.mesh_near[feature]
-            feature = max(feature, -1 - feature)
+    feature = int(-1)
+    if a.mesh_count[at] == 1:
+        feature = -1 - a.mesh_near[at * MESH_LISTED]
+        if places > 1:
+            feature = -1
+        elif places == 1:
+            if begin + a.wall_feature[entry(a, s, a.seats * WALL_PARTS, k, r)] != feature:
+                feature = -1
     return feature
-
-
-@func
-def place_of(a: System, s: int, r: int, k: int, feature: int, places: int):
-    """Place of the spring of the only contact of row r with a mesh, whose first entry is k: that held for the same
-    feature, counted from the first of the mesh, or the first one if none is held; else -1. places: of springs that are
-    held, as bits."""
-    place = int(-1)
-    if places == 0:
-        place = 0
-    for n in range(MESH_CONTACTS):
-        if places >> n & 1 != 0:
-            if a.wall_feature[entry(a, s, a.seats * WALL_PARTS, k + n, r)] == feature:
-                place = n
-    return place
 
 
 @func
@@ -109,22 +91,21 @@ def at_mesh(
     reach = body(a, m, g.index).reach
     contacts = a.mesh_contacts[scratch(a, s, r, k)]
     places = int((old >> wp.uint32(k)) & wp.uint32((1 << WALL_PARTS) - 1))
-    feature = only_feature(a, m, s, r, k, wall, g)
+    feature = alone(a, s, r, k, begin, places)
+    single = feature >= 0
     q = int(k)
     count = int(0)
-    older = places != 0
+    older = places == 1
     overlap = wide(0.0)
     normal = wide3(wide(0.0), wide(0.0), wide(0.0))
-    single = feature != SEVERAL
-    if feature >= 0:  # most grains: without rows in memory for their contacts
-        place = place_of(a, s, r, k, feature - begin, places)
-        single = place >= 0
-        if single:
-            distance, normal = mesh_normal(mesh_away(a.mesh_features, feature, place_at(a, wall, g.x)))
+    if single:  # most grains
+        away = mesh_away(a.mesh_features, feature, place_at(a, wall, g.x))
+        if mesh_within(away, reach):
+            distance, direction = mesh_normal(away)
             overlap = reach - distance
-            q = k + place
+            normal = direction
             count = 1
-    if not single:
+    else:
         count = touched(a, m, s, r, k, wall, old, g, contacts)
         if count == OVER:
             sums.deepest = real(CROWDED)
