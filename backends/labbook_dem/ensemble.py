@@ -83,6 +83,10 @@ class Standing(Readable):
         """See `labbook.backend.Status`."""
         return status(self.scene, self.step, self.time, self.grains, self.energy(), *self.extremes())
 
+    def progress(self) -> Status:
+        """Status without the kinetic energy, which takes the forces of another step."""
+        return status(self.scene, self.step, self.time, self.grains, math.nan, *self.extremes())
+
 
 @dataclass
 class Settling:
@@ -115,6 +119,8 @@ class Ensemble(backend.Ensemble, Generic[R]):
         self._can, self._spec = capabilities, spec
         self._runs: dict[Member, R] = {}
         self._settling: dict[Member, Settling] = {}
+        self._last_status: dict[Member, Status] = {}
+        """Status after the last beat, of members whose rest is looked for: the energy takes the forces of a step."""
         self._rows: dict[Probe, list[Table]] = defaultdict(list)
         self._next = 0
 
@@ -164,10 +170,19 @@ class Ensemble(backend.Ensemble, Generic[R]):
         """Drop a member and free its slot."""
         del self._runs[member]
         self._settling.pop(member, None)
+        self._last_status.pop(member, None)
 
     def status(self, member: Member) -> Status:
         """Status of a member."""
-        return self._runs[member].status()
+        run, last = self._runs[member], self._last_status.get(member)
+        # reading a state may drop grains that are far below the outlet
+        if last is not None and (last.step, last.grains) == (run.step, run.grains):
+            return last
+        return run.status()
+
+    def progress(self, member: Member) -> Status:
+        """Status of a member without its kinetic energy."""
+        return self._runs[member].progress()
 
     def checkpoint(self, member: Member) -> Checkpoint:
         """The exact state of a member."""
@@ -188,6 +203,8 @@ class Ensemble(backend.Ensemble, Generic[R]):
         with self.reading(grains):
             for member, returning in grains.items():
                 _check_absent(self._runs[member], returning)
+        for member in grains:
+            self._last_status.pop(member, None)
         runs = [(self._runs[member], returning) for member, returning in grains.items()]
         placed = [(run, in_box(returning, run.scene.container.period)) for run, returning in runs]
         self._put_back([(run, returning, _half_step(run, returning)) for run, returning in placed])
@@ -202,6 +219,7 @@ class Ensemble(backend.Ensemble, Generic[R]):
         run = self._runs[member]
         if not np.isin(ids, run.present()).all():
             raise ValueError("set_velocities: some of these grains are not in the scene")
+        self._last_status.pop(member, None)
         run.set_velocities(ids, v)
 
     def close(self) -> None:
@@ -228,7 +246,10 @@ class Ensemble(backend.Ensemble, Generic[R]):
             return [Emptied(member, run.time)]
         # The kinetic energy is a sum over all grains: it is computed only for members whose rest is looked for.
         settling = self._settling.get(member)
-        return [Settled(member, run.time)] if settling and settling.after(run.status().kinetic) else []
+        if settling is None:
+            return []
+        self._last_status[member] = now = run.status()
+        return [Settled(member, run.time)] if settling.after(now.kinetic) else []
 
     def _keep(self, rows: Mapping[Probe, Table]) -> None:
         for probe, table in rows.items():

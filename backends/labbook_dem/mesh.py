@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from labbook.scene import TriangleMesh
+from labbook.scene.cells import ranges
 from labbook.scene.model import once
 from labbook.scene.triangles import Triangles
 from labbook_dem.words import dot, func, kernel, sqrt, wide, wide3
@@ -333,9 +334,9 @@ def mesh_table(shape: TriangleMesh) -> MeshTable:
     by_vertex = np.argsort(edges.ravel(), kind="stable")
     begin = np.searchsorted(edges.ravel()[by_vertex], np.arange(len(vertices) + 1))
     degree, triangles = np.diff(begin)[tips], np.diff(first)[bent]
-    end = by_vertex[_ranges(begin[tips], degree)]  # of an edge at a tip
+    end = by_vertex[ranges(begin[tips], degree)]  # of an edge at a tip
     edge, heading = end // 2, along[end // 2] * np.where(end % 2 == 0, 1.0, -1.0)[:, None]
-    beside = _ranges(first[bent], triangles)
+    beside = ranges(first[bent], triangles)
 
     of_faces, of_edges, of_tips = np.split(
         np.arange(len(corners) + len(bent) + len(tips)), [len(corners), len(corners) + len(bent)]
@@ -375,11 +376,6 @@ def mesh_table(shape: TriangleMesh) -> MeshTable:
     features[:, F_VERTICES:] = names
     low, high = vertices[names].min(axis=1), vertices[names].max(axis=1)
     return MeshTable(features, conditions[np.argsort(rows, kind="stable")], low, high)
-
-
-def _ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Numbers first, first + 1, ..., `count` of them, of one range after another."""
-    return np.arange(count.sum()) + np.repeat(first - (np.cumsum(count) - count), count)
 
 
 def _inward(surface: Triangles, along: np.ndarray) -> np.ndarray:

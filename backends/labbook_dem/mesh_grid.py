@@ -6,12 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from labbook.scene import TriangleMesh, Wall
+from labbook.scene.cells import Cells
 from labbook.scene.wall_shape import WallShape
 from labbook_dem.mesh import CONDITION_COLUMNS, F_FIRST, F_LAST, F_VERTICES, FEATURE_COLUMNS, mesh_table
 from labbook_dem.mesh_rods import ROD_PARTS, rod_table
-
-_MOST_CELLS = 1_000_000  # of a mesh
-_AT_ONCE = 2_000_000
 
 
 class MeshGrids(NamedTuple):
@@ -43,15 +41,13 @@ class MeshGrids(NamedTuple):
             if not isinstance(shape, TriangleMesh):
                 continue
             table = rod_table(shape) if rods else mesh_table(shape)
-            cells, size, low, counts = _cells(table.low[::parts] - reach, table.high[::parts] + reach, 2 * reach)
-            frame[w] = *low, 1 / size, *counts, sum(map(len, first)) - 1
+            grid = Cells.over(table.low[::parts] - reach, table.high[::parts] + reach, 2 * reach)
+            frame[w] = *grid.low, 1 / grid.size, *grid.shape, sum(map(len, first)) - 1
             own = table.features.copy()
             own[:, F_FIRST : F_LAST + 1] += sum(map(len, conditions))
             own[:, F_VERTICES:] += 3 * parts * begin[w]  # of no other mesh
-            order = np.lexsort(cells[::-1])
-            entries = np.bincount(cells[0], minlength=int(np.prod(counts)))
-            first.append(np.cumsum(entries) + sum(map(len, listed)))
-            listed.append(parts * cells[1][order] + begin[w])  # of a rod, the first of its parts
+            first.append(grid.first[1:] + sum(map(len, listed)))
+            listed.append(parts * grid.listed + begin[w])  # of a rod, the first of its parts
             features.append(own)
             conditions.append(table.conditions)
         arrays = map(np.concatenate, (features, conditions, first, listed))
@@ -75,23 +71,3 @@ def first_features(shapes: Sequence[WallShape], rods: bool = False) -> np.ndarra
     table = rod_table if rods else mesh_table
     counts = [len(table(shape).features) if isinstance(shape, TriangleMesh) else 0 for shape in shapes]
     return np.cumsum([0, *counts])
-
-
-def _cells(low: np.ndarray, high: np.ndarray, size: float) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
-    """Pairs of a cell and a box that reaches into it, shape [2, k]; size [m], lower corner [m], shape of the grid."""
-    corner, far = low.min(axis=0), high.max(axis=0)
-    while np.prod(np.ceil((far - corner) / size) + 1) > _MOST_CELLS:
-        size *= 1.25
-    shape = (np.ceil((far - corner) / size) + 1).astype(np.int64)
-    start, end = (((x - corner) / size).astype(np.int64) for x in (low, high))
-    counts = np.prod(end - start + 1, axis=1)
-    pairs, begin = list[np.ndarray](), 0
-    while begin < len(low):
-        last = begin + max(1, int(np.searchsorted(np.cumsum(counts[begin:]), _AT_ONCE)))
-        box = np.repeat(np.arange(begin, min(last, len(low))), counts[begin:last])
-        k = np.arange(len(box)) - np.repeat(np.cumsum(counts[begin:last]) - counts[begin:last], counts[begin:last])
-        _, ny, nz = (end - start + 1)[box].T
-        at = start[box] + np.stack([k // (ny * nz), k // nz % ny, k % nz], axis=1)
-        pairs.append(np.stack([(at[:, 0] * shape[1] + at[:, 1]) * shape[2] + at[:, 2], box]))
-        begin = last
-    return np.concatenate(pairs, axis=1), size, corner, shape

@@ -13,7 +13,7 @@ from labbook_dem.reading import Grains, Inside
 from labbook_dem.rotation import axes, momenta
 from labbook_dem.traction import SUMS
 
-from labbook.backend import Capabilities, Checkpoint
+from labbook.backend import Capabilities, Checkpoint, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import SLIDING, Crossing, Traction
 from labbook.scene import Bodies, Clumps, Packing, Scene
@@ -246,6 +246,13 @@ class Run(Standing):
         half = st.m if self.oriented else st.w
         grains = Grains(self.ids, st.x[:n], v, w, m, st.v[:n], half[:n], self.q, self.bodies())
         return grains.within(inside)
+
+    def progress(self) -> Status:
+        """Status without the kinetic energy; lists are rebuilt as before reading it, since rebuilds are counted."""
+        now = super().progress()
+        if self.step:
+            self._fresh_lists()
+        return now
 
     def counted(self) -> Mapping[str, float]:
         """See `labbook_dem.reading.Readable`."""

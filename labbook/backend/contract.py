@@ -324,6 +324,17 @@ class Ensemble(ABC):
             Its status after the last beat.
         """
 
+    def progress(self, member: Member) -> Status:
+        """Return the status of a member whose kinetic energy nobody reads.
+
+        Args:
+            member: The member; it may have failed or emptied.
+
+        Returns:
+            Its status after the last beat; the energy may be NaN, where computing it takes time.
+        """
+        return self.status(member)
+
     @abstractmethod
     def checkpoint(self, member: Member) -> Checkpoint:
         """Return the exact state of a member, which does not change.

@@ -252,12 +252,13 @@ def _beside(shape: WallShape, x: np.ndarray, within: np.ndarray) -> tuple[np.nda
     Returns:
         Their indices, their distances [m] from it, and the unit vectors along which these grow.
     """
-    distance = shape.distance(x)
+    step, widest = 1e-5 * float(within.max()), float(within.max())
+    distance = shape.clearance(x, widest)
     near = (distance < within).nonzero()[0]
     if not len(near):
         return near, distance[near], x[near]
-    shifted = x[near] + 1e-5 * float(within.max()) * np.eye(3)[:, None]
-    slope = shape.distance(shifted.reshape(-1, 3)).reshape(3, -1) - distance[near]
+    shifted = x[near] + step * np.eye(3)[:, None]
+    slope = shape.clearance(shifted.reshape(-1, 3), widest + 2 * step).reshape(3, -1) - distance[near]
     return near, distance[near], _unit(slope.T)
 
 

@@ -309,6 +309,10 @@ class DischargeJob(Job):
             self._picture_failed = True
             _log_missing_picture(self.label, problem)
 
+    def status_of(self, ensemble: Ensemble, member: Member) -> Status:
+        """Read the status of its member without the kinetic energy, which decides nothing here."""
+        return ensemble.progress(member)
+
     def after(self, status: Status, tables: Mapping[Probe, Table], cost: BeatCost) -> None:
         """Account for a beat.
 

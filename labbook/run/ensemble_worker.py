@@ -169,7 +169,7 @@ class EnsembleWorker:
             settled_beats=job.settled_beats,
             probes=job.probes,
         )
-        job.status = self.ensemble.status(member)
+        job.status = job.status_of(self.ensemble, member)
         self.jobs[member] = job
 
     def rows(self) -> dict[Member, dict[Probe, Table]]:

@@ -196,7 +196,7 @@ class Execution:
         self.meter.stepping += result.wall
         active_jobs = max(1, len(self._queue.active))
         # of all before anything is done with one: a backend reads them together
-        statuses = {member: ensemble.status(member) for member in worker.jobs}
+        statuses = {member: job.status_of(ensemble, member) for member, job in worker.jobs.items()}
         events: dict[Member, list[Event]] = defaultdict(list)
         for event in result.events:
             events[event.member].append(event)

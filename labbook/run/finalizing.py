@@ -18,7 +18,7 @@ from labbook.backend import EndState
 from labbook.filling import place
 from labbook.run.ensemble_worker import WorkerThread
 from labbook.run.fill import FillJob
-from labbook.run.helper import HelperLost, HelperProcess, idle_helpers
+from labbook.run.helper import HelperLost, HelperProcess, idle_helpers, load_packages
 from labbook.run.job import Job, JobFailed, JobOutput, LabEntry
 from labbook.run.job_queue import EndedJob, JobQueue, PlacingPool
 from labbook.scene import Packing, Scene
@@ -58,6 +58,7 @@ class Finalizer:
     def _start(self) -> None:
         with suppress(HelperLost):  # whoever needs it tries again
             self._helper = self._helper or idle_helpers.take()
+            self._helper.call(load_packages)
 
     def close(self, job: Job, verdict: str, end_state: EndState) -> "Future[LabEntry]":
         """Submit a job whose last state is `end_state`: write and measure it. Packings come first, since runs wait for

@@ -221,6 +221,12 @@ def _begin(environment: Mapping[str, str], places: tuple[dict[str, Path], tuple[
     attached.use(places)
 
 
+def load_packages() -> None:
+    """Import the packages that placing grains and drawing beds need, in a helper, before it has grains to place."""
+    import PIL.Image  # noqa: F401
+    import scipy.spatial  # noqa: F401
+
+
 def serve() -> None:
     """Serve requests from standard input until it closes: call functions, and put outputs into labs.
 

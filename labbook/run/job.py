@@ -322,6 +322,10 @@ class Job(ABC):
         """True if the job continues an earlier session."""
         return self._first_step > 0
 
+    def status_of(self, ensemble: Ensemble, member: Member) -> Status:
+        """Read the status of its member; a job that needs no kinetic energy leaves it out."""
+        return ensemble.status(member)
+
     def after(self, status: Status, tables: Mapping[Probe, Table], cost: BeatCost) -> None:
         """Account for a beat.
 

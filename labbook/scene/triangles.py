@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from labbook.scene.cells import Cells, ranges
 from labbook.scene.geometry import Bounds
 
 WELD = 1e-6
@@ -20,6 +21,13 @@ _AT_ONCE = 400_000  # pairs of points and triangles in memory
 _SLACK = 1 + 1e-9  # of bounds, against round-off
 _BESIDE = 1e-6
 """Distance from a triangle, as a fraction of the longest side of the box, at which its inner side is sought."""
+_SHORT = 1 / 32
+"""Reach, as a fraction of the diagonal of a surface, below which a grid finds the triangles near points."""
+_ACROSS = 256
+"""Diagonal of a surface over the smallest cells of the grid of its triangles seen from above."""
+_GRIDS = 4  # of a surface that are kept
+_BEYOND = 2.0  # distance, in reaches, that stands for all longer ones
+_PLANE_SLACK = 1 + 1e-6  # against round-off in normals of needles
 _PIECES = 32
 """Diagonal of a surface over the radius of the largest ball around a piece of it."""
 
@@ -254,29 +262,61 @@ class Triangles:
             reach: Distance up to which results are exact [m]; a smaller reach takes less time.
 
         Returns:
-            Distances [m], shape [n]; beyond `reach` a lower bound that exceeds it.
+            Distances [m], shape [n]; further away any number that exceeds `reach`.
         """
+        if reach < _SHORT * float(np.linalg.norm(self.bounds.size)):
+            return self._close(x, reach)
         distances = np.empty(len(x))
         self._nearest(x, np.arange(len(x)), np.arange(len(self._balls[1])), distances, reach)
         return distances
 
+    def _close(self, x: np.ndarray, reach: float) -> np.ndarray:
+        """Distances [m] as `distance` gives them, by a grid that lists the triangles near each of its cells."""
+        grid = self._grids.get(reach)
+        if grid is None:
+            if len(self._grids) == _GRIDS:
+                self._grids.clear()
+            pieces, owners = self._pieces
+            wide = reach * _SLACK
+            grid = Cells.over(pieces.min(axis=1) - wide, pieces.max(axis=1) + wide, 2 * reach, owners)
+            self._grids[reach] = grid
+        point, triangle = grid.near(x)
+        # most triangles that a cell lists are far from the point: their planes tell
+        above = np.abs(_dot(x[point] - self.places[triangle, 0], self.normals[triangle]))
+        point, triangle = (pairs[above <= reach * _PLANE_SLACK] for pairs in (point, triangle))
+        distances = np.full(len(x), _BEYOND * reach)
+        if len(point):
+            first = np.flatnonzero(np.diff(point, prepend=-1))
+            least = np.minimum.reduceat(self.apart(x[point], triangle), first)
+            distances[point[first]] = np.where(least <= reach, least, _BEYOND * reach)
+        return distances
+
     @cached_property
-    def _balls(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Balls that hold pieces of triangles: centroids [m], shape [m, 3], radii [m], and numbers of the triangles.
+    def _grids(self) -> dict[float, Cells]:
+        """Grids of `_close`, by reach."""
+        return {}
+
+    @cached_property
+    def _pieces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of pieces of triangles [m], shape [k, 3, 3], and the numbers of the triangles.
 
         Long triangles are cut into pieces, as the ball around a whole one would have most points near it.
         """
         pieces, owners = self.places, np.arange(len(self.places))
         largest = float(np.linalg.norm(self.bounds.size)) / _PIECES
-        small: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        small: list[tuple[np.ndarray, np.ndarray]] = []
         while len(pieces):
-            middle = pieces.mean(axis=1)
-            radii = np.linalg.norm(pieces - middle[:, None], axis=2).max(axis=1)
-            done = radii <= largest
-            small.append((middle[done], radii[done], owners[done]))
+            done = _radii(pieces) <= largest
+            small.append((pieces[done], owners[done]))
             pieces, owners = _halves(pieces[~done]), np.tile(owners[~done], 2)
-        middle, radii, owners = (np.concatenate(column) for column in zip(*small, strict=True))
-        return middle, radii, owners
+        pieces, owners = (np.concatenate(column) for column in zip(*small, strict=True))
+        return pieces, owners
+
+    @cached_property
+    def _balls(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Balls that hold pieces of triangles: centroids [m], shape [m, 3], radii [m], and numbers of the triangles."""
+        pieces, owners = self._pieces
+        return pieces.mean(axis=1), _radii(pieces), owners
 
     def _nearest(
         self, x: np.ndarray, rows: np.ndarray, candidates: np.ndarray, distances: np.ndarray, reach: float
@@ -337,39 +377,38 @@ class Triangles:
         Returns:
             Numbers of triangles above and below, each of shape [n].
         """
-        columns, of = np.unique(x[:, :2], axis=0, return_inverse=True)
-        of = of.reshape(-1)
-        order = np.argsort(of, kind="stable")
-        first = np.searchsorted(of[order], np.arange(len(columns) + 1))
-        above, below = np.zeros(len(x), np.int64), np.zeros(len(x), np.int64)
-        for column, z in self._pierced(columns):
-            rows = order[first[column] : first[column + 1]]
-            z.sort()
-            below[rows] = np.searchsorted(z, x[rows, 2], side="left")
-            above[rows] = len(z) - np.searchsorted(z, x[rows, 2], side="right")
+        # complex numbers are sorted by two coordinates, and faster than rows
+        columns, of = np.unique(x[:, 0] + 1j * x[:, 1], return_inverse=True)
+        order, points = np.argsort(of, kind="stable"), np.bincount(of)
+        column, z = self._pierced(np.column_stack([columns.real, columns.imag]))
+        first, count = (np.cumsum(points) - points)[column], points[column]
+        row = order[ranges(first, count)]
+        gap = np.repeat(z, count) - x[row, 2]
+        above, below = (np.bincount(row[part], minlength=len(x)) for part in (gap > 0, gap < 0))
         return above, below
 
-    def _pierced(self, columns: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-        """Heights z [m] at which vertical lines at `columns`, shape [k, 2], meet triangles, line by line."""
-        low, high = self.places[:, :, :2].min(axis=1), self.places[:, :, :2].max(axis=1)
-        size = max(1, 10 * _AT_ONCE // len(self.corners))
-        for begin in range(0, len(columns), size):
-            part = columns[begin : begin + size]
-            near = np.ones((len(part), len(self.corners)), bool)
-            for axis in range(2):
-                near &= (part[:, axis, None] >= low[:, axis]) & (part[:, axis, None] <= high[:, axis])
-            line, triangle = np.nonzero(near)
-            p, q = part[line], self.places[triangle]
-            # corners ascend, so that triangles see an edge between them from the same end
-            sides = [_left(q[:, a], q[:, b], p) for a, b in ((0, 1), (1, 2), (0, 2))]
-            hit = (sides[0] == sides[1]) & (sides[0] != sides[2])
-            line, p, q = line[hit], p[hit], q[hit]
-            normal = np.cross(q[:, 1] - q[:, 0], q[:, 2] - q[:, 0])
-            lean = _dot(p - q[:, 0, :2], normal[:, :2]) / normal[:, 2]
-            z = np.clip(q[:, 0, 2] - lean, q[:, :, 2].min(axis=1), q[:, :, 2].max(axis=1))
-            first = np.searchsorted(line, np.arange(len(part) + 1))
-            for k in np.flatnonzero(np.diff(first)):
-                yield begin + int(k), z[first[k] : first[k + 1]]
+    def _pierced(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lines of those that are vertical at `columns`, shape [k, 2], and heights z [m] at which they meet a triangle,
+        each of shape [hits]."""
+        line, triangle = self._from_above.near(columns)
+        p, q = columns[line], self.places[triangle]
+        near = ((p >= q[:, :, :2].min(axis=1)) & (p <= q[:, :, :2].max(axis=1))).all(axis=1)
+        line, p, q = line[near], p[near], q[near]
+        # corners ascend, so that triangles see an edge between them from the same end
+        sides = [_left(q[:, a], q[:, b], p) for a, b in ((0, 1), (1, 2), (0, 2))]
+        hit = (sides[0] == sides[1]) & (sides[0] != sides[2])
+        line, p, q = line[hit], p[hit], q[hit]
+        normal = np.cross(q[:, 1] - q[:, 0], q[:, 2] - q[:, 0])
+        lean = _dot(p - q[:, 0, :2], normal[:, :2]) / normal[:, 2]
+        return line, np.clip(q[:, 0, 2] - lean, q[:, :, 2].min(axis=1), q[:, :, 2].max(axis=1))
+
+    @cached_property
+    def _from_above(self) -> Cells:
+        """Grid of the boxes around triangles seen from above."""
+        places = self.places[:, :, :2]
+        low, high = places.min(axis=1), places.max(axis=1)
+        least = float(np.linalg.norm(np.ptp(self.vertices, axis=0))) / _ACROSS
+        return Cells.over(low, high, max(least, float((high - low).mean()) / 4))
 
     def inside(self, x: np.ndarray) -> np.ndarray:
         """Select points within the closed surface: those with an odd number of triangles straight above.
@@ -397,6 +436,11 @@ class Triangles:
         place[order] = np.arange(len(order))
         corners = np.sort(place[self.corners], axis=1)
         return Triangles(places[order], corners[np.lexsort(corners.T[::-1])])
+
+
+def _radii(pieces: np.ndarray) -> np.ndarray:
+    """Radii [m] of the balls about the centroids of triangles, shape [n, 3, 3], that hold them."""
+    return np.linalg.norm(pieces - pieces.mean(axis=1)[:, None], axis=2).max(axis=1)
 
 
 def _halves(places: np.ndarray) -> np.ndarray:

@@ -70,6 +70,26 @@ def test_distances_and_sides_of_a_cube(turned):
     assert np.array_equal(cube(turned).inside(places), inside)
 
 
+def test_distances_within_a_reach_are_those_without():
+    """Of a mesh of long needles and small triangles, to the bit, as placed grains must not depend on the reach."""
+    turns = 2 * np.pi * np.arange(40) / 40
+    ring = np.column_stack([0.1 * np.cos(turns), 0.1 * np.sin(turns), np.zeros(40)])
+    k, after = np.arange(40), (np.arange(40) + 1) % 40
+    sides = np.concatenate([np.column_stack([k, after, after + 40]), np.column_stack([k, after + 40, k + 40])])
+    places = np.concatenate([ring, ring + np.array([0.0, 0.0, 1.0]), CUBE / 50])
+    tube, _ = Triangles.welded(places, np.concatenate([sides, FACES + 80]))
+    x = np.concatenate([RNG.uniform(-0.15, 0.15, (2000, 3)), tube.vertices, RNG.uniform(-9, 9, (50, 3))])
+    every = np.arange(len(tube.corners))
+    exact = np.min([tube.apart(x, np.full(len(x), triangle)) for triangle in every], axis=0)
+    assert np.array_equal(tube.distance(x), exact)
+    for reach in (1e-3, 0.02, 0.3):  # by a grid, and for a long reach by a search of all triangles
+        near = exact <= reach
+        assert near.any()
+        assert not near.all()
+        assert np.array_equal(tube.distance(x, reach)[near], exact[near])
+        assert (tube.distance(x, reach)[~near] > reach).all()
+
+
 def test_sides_are_those_of_the_winding_number():
     """A torus-like surface of 24 triangles; points straight above and below edges and vertices are among them."""
     frame, _ = Triangles.welded(*_frame())
