@@ -385,7 +385,7 @@ def _ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
 def _inward(surface: Triangles, along: np.ndarray) -> np.ndarray:
     """Of side s of triangle k, the unit vector within it, perpendicular to that side and into it, shape [m, 3, 3]."""
     edges, of = surface.edges
-    opposite = surface.places - surface.vertices[edges[of, 0]]
+    opposite = surface.corner_positions - surface.vertices[edges[of, 0]]
     l = along[of]
     t = opposite - np.einsum("msk,msk->ms", opposite, l)[..., None] * l
     return t / np.linalg.norm(t, axis=2)[..., None]
@@ -396,7 +396,7 @@ def _slack(surface: Triangles) -> np.ndarray:
 
     At a corner of angle a, conditions that hold within w reach w / sin(a/2) beyond it: at most 1e-3 R with this part.
     """
-    sides = np.roll(surface.places, -1, axis=1) - surface.places
+    sides = np.roll(surface.corner_positions, -1, axis=1) - surface.corner_positions
     back = -np.roll(sides, 1, axis=1)
     across, along = np.linalg.norm(np.cross(sides, back), axis=2), np.einsum("msk,msk->ms", sides, back)
     sharpest = np.arctan2(across, along).min(axis=1)

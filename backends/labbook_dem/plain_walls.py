@@ -170,7 +170,7 @@ class PartFrame:
         x, y, z = self._rows
         return x * v.x + y * v.y + z * v.z
 
-    def place(self, x: wide3) -> wide3:
+    def point_inwards(self, x: wide3) -> wide3:
         """A point in space, in the frame of the part."""
         return self.inwards(x - self._shift)
 
@@ -183,7 +183,7 @@ class PartFrame:
         grain and wall went since the last step. At the opening velocities are of that time."""
         if self._before is None:
             return self.speed(x)
-        there = self._before.outwards(self.place(x)) + self._before._shift
+        there = self._before.outwards(self.point_inwards(x)) + self._before._shift
         return (x - there) * (1.0 / self._dt)
 
 
@@ -246,7 +246,7 @@ class PlainWalls:
         """
 
         def inwards(x: vec3) -> vec3:
-            return x if frame is None else frame.place(x)
+            return x if frame is None else frame.point_inwards(x)
 
         def outwards(normal: vec3) -> vec3:
             return normal if frame is None else frame.outwards(normal)
@@ -257,12 +257,12 @@ class PlainWalls:
             contacts = plain.rod_contacts(inwards(grain.x), axis, grains.half_length, grain.radius, touched)
             for feature, distance, normal, s, older in contacts:
                 yield feature, PartAtWall(distance, outwards(normal), grain.axis * s, grain.radius), older
-        for place, (lever, radius) in enumerate(grain.spheres):
-            own = [part // MOST_SPHERES for part in touched if part % MOST_SPHERES == place]
+        for index, (lever, radius) in enumerate(grain.spheres):
+            own = [part // MOST_SPHERES for part in touched if part % MOST_SPHERES == index]
             for feature, distance, normal, older in plain.contacts(inwards(grain.x + lever), radius, own):
                 touching = PartAtWall(distance, outwards(normal), lever, radius)
-                older_part = None if older is None else MOST_SPHERES * older + place
-                yield MOST_SPHERES * feature + place, touching, older_part
+                older_part = None if older is None else MOST_SPHERES * older + index
+                yield MOST_SPHERES * feature + index, touching, older_part
         if not grains.oriented:
             for feature, distance, normal, older in plain.contacts(inwards(grain.x), grain.radius, touched):
                 yield feature, PartAtWall(distance, outwards(normal), NONE, grain.radius), older
@@ -340,7 +340,7 @@ def at_rest(scene: Scene, numerics: Numerics, packing: Packing, probe: Traction)
     """Rows of `probe` for a packing in `scene`, before any step; `member`, `step` and `time` are 0."""
     plain, table = PlainWalls(scene, numerics), BinTable.of(scene, probe)
     sums = np.zeros((table.total, SUMS), np.int64)
-    places = {wall.name: w for w, wall in enumerate(plain.walls)}
+    index_of_wall = {wall.name: w for w, wall in enumerate(plain.walls)}
     q = None if packing.q is None else packing.q / np.linalg.norm(packing.q, axis=1)[:, None]
     spin = rotation.spins(scene.grains, rotation.momenta(scene.grains, packing.omega, q), q)
     grains = PlainGrains.steady(scene.grains, packing, q, packing.v, spin)
@@ -350,8 +350,8 @@ def at_rest(scene: Scene, numerics: Numerics, packing: Packing, probe: Traction)
     springs: dict[Key, vec3] = {}
     rolling: dict[Key, vec3] = {}
     for row, (i, name, part) in enumerate(zip(packing.wall_grain, packing.wall_name, packing.wall_part, strict=True)):
-        if str(name) in places:
-            key = int(packing.ids[i]), places[str(name)], int(part)
+        if str(name) in index_of_wall:
+            key = int(packing.ids[i]), index_of_wall[str(name)], int(part)
             springs[key] = vec3(*packing.wall_spring[row].tolist())
             rolling[key] = vec3(*of_walls[row].tolist())
     law = scene.contact

@@ -205,8 +205,8 @@ class Arrays:
         """Return the entries of an array that belong to the slots of `gathered`, `size` of each."""
         if array.ptr not in self._gathered:
             joined = wp.empty(len(self._places) * size, dtype=array.dtype, device=self.device)
-            for first, count, place in _runs(list(self._places)):
-                wp.copy(joined, array, place * size, first * size, count * size)
+            for first, count, index in _runs(list(self._places)):
+                wp.copy(joined, array, index * size, first * size, count * size)
             self._gathered[array.ptr] = fetch(joined)
         return self._gathered[array.ptr]
 
@@ -223,7 +223,7 @@ class Arrays:
         else:
             self._outgoing.entries(array, slot)[: len(values)] = values
 
-    def part(self, array: Any, slot: int, size: int, count: int) -> np.ndarray:
+    def fetched(self, array: Any, slot: int, size: int, count: int) -> np.ndarray:
         """Return the first `count` of the `size` entries of `array` for a slot, on the host. Read only."""
         first = slot * size
         if self._whole is None and slot in self._places:
@@ -237,10 +237,10 @@ class Arrays:
         """Return state array `name` of the first `rows` rows of a slot: shape [rows, ...], or [entries, rows, ...]."""
         if name == "p":
             words = self.codec.words
-            return self.part(self.p, slot, self.sizes.cap * words, rows * words).reshape(rows, -1)
+            return self.fetched(self.p, slot, self.sizes.cap * words, rows * words).reshape(rows, -1)
         entries = self.sizes.entries[self.state[name]]
         per = self.sizes.cap * entries
-        block = self.part(getattr(self.system, name), slot, per, per)
+        block = self.fetched(getattr(self.system, name), slot, per, per)
         block = block.reshape(entries, self.sizes.cap, *block.shape[1:])[:, :rows]
         return block[0] if self.state[name] == "one" else block
 
@@ -299,8 +299,8 @@ class Arrays:
         if records:
             array = getattr(self.system, name)
             together = wp.array([records[slot] for slot in sorted(records)], dtype=array.dtype, device=self.device)
-            for first, count, place in _runs(sorted(records)):
-                wp.copy(array, together, first, place, count)
+            for first, count, index in _runs(sorted(records)):
+                wp.copy(array, together, first, index, count)
 
     def of_slot(self, slot: int, rows: int) -> "SlotState":
         """Return the state of the first `rows` rows of a slot; each array is read on access."""

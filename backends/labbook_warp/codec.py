@@ -77,9 +77,9 @@ class Codec:
     def with_velocities(self, numbers: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return a copy with velocities v [m/s], shape [n, 3], also as predicted ones, and zero rounding errors."""
         changed = numbers.copy()
-        for place, name in enumerate(self.fields.moving):
+        for index, name in enumerate(self.fields.moving):
             if name in ("v", "u"):
-                first = self.exact + 3 * place
+                first = self.exact + 3 * index
                 changed[:, first : first + 3] = v
         changed[:, self._used :] = 0
         return changed

@@ -25,7 +25,7 @@ class PointArches:
     runs: tuple[RunResult, ...]
 
     @property
-    def width(self) -> float:
+    def width_ratio(self) -> float:
         """D/d, with the diameter of spheres of the grains' volume."""
         return width_ratio(self.result.point.scene)
 
@@ -60,4 +60,4 @@ def arches(results: Sequence[PointResult]) -> list[PointArches]:
         runs = tuple(run for run in runs if "size" in run.evaluation(Arch()).arrays)
         if runs and SIZE in result.pooled:
             points.append(PointArches(result, runs))
-    return sorted(points, key=lambda point: point.width)
+    return sorted(points, key=lambda point: point.width_ratio)

@@ -121,7 +121,7 @@ class Series:
         return tuple(dict.fromkeys(result.of_point for result in self.points))
 
     @property
-    def diameters(self) -> list[float]:
+    def orifices(self) -> list[float]:
         """Orifices [m]."""
         return [result.orifice for result in self.points]
 

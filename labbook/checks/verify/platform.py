@@ -1,4 +1,4 @@
-"""Test stand of the cases: a backend, used through its contract only, in one precision on one device."""
+"""Test platform of the cases: a backend, used through its contract only, in one precision on one device."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -25,8 +25,8 @@ def require(happened: bool, message: str) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """Course of one member: rows of its probes, status and packing at the end, and its events."""
+class Trajectory:
+    """Trajectory of one member: rows of its probes, status and packing at the end, and its events."""
 
     scene: Scene
     numerics: Numerics
@@ -82,7 +82,7 @@ class Admitted:
     numerics: Sequence[Numerics]
     members: Sequence[Member]
 
-    def motions(self, events: Sequence[Event]) -> list[Motion]:
+    def trajectories(self, events: Sequence[Event]) -> list[Trajectory]:
         """Drain the ensemble and collect the course of each member; a second call finds no rows.
 
         Args:
@@ -90,7 +90,7 @@ class Admitted:
         """
         tables = self.ensemble.drain()
         return [
-            Motion(
+            Trajectory(
                 scene=start.scene,
                 numerics=numerics,
                 tables={probe: rows_of(table, member) for probe, table in tables.items()},
@@ -103,7 +103,7 @@ class Admitted:
 
 
 @dataclass(frozen=True)
-class Stand:
+class Platform:
     """A backend in one precision on one device, which runs the scenes of cases.
 
     Args:
@@ -117,7 +117,7 @@ class Stand:
     device: str = "cpu"
 
     def numerics(self, dt: float, **further: Any) -> Numerics:
-        """Build numerics in the precision of this stand; `dt` [s]."""
+        """Build numerics in the precision of this platform; `dt` [s]."""
         return Numerics.model_validate({"dt": dt, "precision": self.precision, **further})
 
     def run_all(
@@ -128,7 +128,7 @@ class Stand:
         probes: Sequence[Probe] = (),
         *,
         until_event: bool = False,
-    ) -> list[Motion]:
+    ) -> list[Trajectory]:
         """Follow members side by side for `beats` beats each.
 
         Args:
@@ -139,7 +139,7 @@ class Stand:
             until_event: Stop once every member had an event (it settled, or emptied).
 
         Returns:
-            The course of each member.
+            The trajectory of each member.
 
         Raises:
             CaseNotMeasured: A guard stopped a member.
@@ -153,7 +153,7 @@ class Stand:
                     break
             for event in events:
                 require(not isinstance(event, Failed), f"a guard stopped the run: {event}")
-            return admitted.motions(events)
+            return admitted.trajectories(events)
 
     @contextmanager
     def admitted(
@@ -174,7 +174,7 @@ class Stand:
 
     def run(
         self, start: MemberStart, beats: int, steps_per_beat: int = 1000, probes: Sequence[Probe] = (), **options: Any
-    ) -> Motion:
+    ) -> Trajectory:
         """Follow one member; the arguments are those of `run_all`."""
         return self.run_all([start], beats, steps_per_beat, probes, **options)[0]
 
