@@ -2,6 +2,7 @@
 
 import sys
 import warnings
+from typing import Any
 
 CodeLine = tuple[str, int]
 """A file and a line in it."""
@@ -35,3 +36,24 @@ def warn(message: str, code_line: CodeLine | None = None) -> None:
     """A LabWarning at the line of the user's code, whichever of our functions notices. code_line: None for the
     caller's."""
     warnings.warn_explicit(message, LabWarning, *(code_line or caller()))
+
+
+class RenamedAttribute:
+    """Deprecated name of an attribute: reading it warns and gives the attribute of the new name.
+
+    Args:
+        name: The new name.
+    """
+
+    def __init__(self, name: str):
+        self._name, self._old_name = name, ""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._old_name = name
+
+    def __get__(self, instance: object, owner: type | None = None) -> Any:
+        if instance is None:
+            return self
+        message = f"{type(instance).__name__}.{self._old_name} is now called {self._name}"
+        warnings.warn_explicit(message, DeprecationWarning, *caller())
+        return getattr(instance, self._name)

@@ -42,7 +42,7 @@ from labbook.study import Study
 from labbook.study.pilot import first_needed, whole
 from labbook.study.problems import grouped
 from labbook.study.source import given_path
-from labbook.warning import called_by_command, warn
+from labbook.warning import RenamedAttribute, called_by_command, warn
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -77,6 +77,7 @@ class Lab:
     folder: Path | str = DEFAULT
     backend: str = "numba"
     device: str = "cpu"
+    place = RenamedAttribute("lab_folder")
 
     def __post_init__(self):
         object.__setattr__(self, "folder", given_path(self.folder, "labbook.Lab: folder"))

@@ -38,6 +38,7 @@ from labbook.study import Point
 from labbook.study.problems import instead
 from labbook.study.source import given_path
 from labbook.study.stated import LawName, Swept
+from labbook.warning import RenamedAttribute
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,6 +60,7 @@ class Results(StudyResults):
     """
 
     lab_folder: LabFolder = field(kw_only=True)
+    place = RenamedAttribute("lab_folder")
     backend: str = field(kw_only=True)
 
     def frame(self) -> "pd.DataFrame":

@@ -20,6 +20,7 @@ from labbook.results import display
 from labbook.results.points import RunResult
 from labbook.stats import Measured
 from labbook.study import Point, Study
+from labbook.warning import RenamedAttribute
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,6 +56,7 @@ class Run(RunResult):
 
     study: Study
     lab_folder: LabFolder
+    place = RenamedAttribute("lab_folder")
 
     @property
     def point(self) -> Point:

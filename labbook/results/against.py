@@ -14,6 +14,7 @@ from labbook.results import display
 from labbook.results.points import FLOW_RATE, ORIFICE, PointResult, by_seed, followers, names_scene
 from labbook.stats import Pooled
 from labbook.stats.ratio import independent_ratio, paired_ratio
+from labbook.warning import RenamedAttribute
 
 Value = float | str
 
@@ -49,6 +50,7 @@ class Line:
     at: Mapping[str, Value]
     points: tuple[RatioPoint, ...]
     first: RatioPoint | None
+    places = RenamedAttribute("points")
 
     @property
     def label(self) -> str:

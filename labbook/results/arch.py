@@ -10,6 +10,7 @@ from labbook.measure.arch import FORCE, SIZE, Arch, StoppedBed
 from labbook.measure.clogging import width_ratio
 from labbook.results.points import PointResult, RunResult
 from labbook.stats import Pooled
+from labbook.warning import RenamedAttribute
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +24,7 @@ class PointArches:
 
     result: PointResult
     runs: tuple[RunResult, ...]
+    width = RenamedAttribute("width_ratio")
 
     @property
     def width_ratio(self) -> float:

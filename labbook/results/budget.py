@@ -14,6 +14,7 @@ from labbook.results.starts import window_share
 from labbook.results.study import StudyResults
 from labbook.scene.quantities import percent
 from labbook.stats import Pooled
+from labbook.warning import RenamedAttribute
 
 Source = Literal["seeds", "numerics", "window", "filling", "bed"]
 SOURCES: dict[Source, str] = {
@@ -42,6 +43,7 @@ class Share:
     relative: float | None
     basis: str
     beside: str = ""
+    part = RenamedAttribute("relative")
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,6 +32,7 @@ from labbook.stats.survival import (
     rank_correlation,
     tail_goodness,
 )
+from labbook.warning import RenamedAttribute
 
 CORRELATED = 0.1
 """Rank correlation within packings above which discharges of one packing are no repeats."""
@@ -51,6 +52,8 @@ class PointClogging:
 
     result: PointResult
     runs: tuple[tuple[RunResult, Avalanches], ...]
+    width = RenamedAttribute("width_ratio")
+    place = RenamedAttribute("outlet_index")
 
     @property
     def outlet_index(self) -> int | None:

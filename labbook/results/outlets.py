@@ -9,6 +9,7 @@ from labbook.measure.outlets import OutletRates
 from labbook.results.points import FLOW_RATE, PointResult
 from labbook.scene import Outlet
 from labbook.stats import Pooled
+from labbook.warning import RenamedAttribute
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +23,7 @@ class OutletResult(PointResult):
 
     whole: PointResult | None = None
     outlet_index: int = 0
+    place = RenamedAttribute("outlet_index")
 
     @property
     def outlet(self) -> Outlet:

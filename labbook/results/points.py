@@ -28,6 +28,7 @@ from labbook.stats.pooling import student
 from labbook.stats.rates import PooledRate, rate
 from labbook.stats.trend import MATERIAL
 from labbook.study import Point, Study
+from labbook.warning import RenamedAttribute
 
 FLOW_RATE, DRIFT = "flow_rate", "flow_rate_drift"
 ORIFICE = "container.orifice"
@@ -232,6 +233,7 @@ class PointResult:
     tolerance: float | None
     requested: int
     along: Mapping[str, float | str] = field(default_factory=dict)
+    interval = RenamedAttribute("acceleration_interval")
 
     @property
     def of_point(self) -> "PointResult":
