@@ -408,7 +408,7 @@ class Run(MemberState):
         u, v = vec3(*(self.u[i] - self.u[j]).tolist()), vec3(*(self.v[i] - self.v[j]).tolist())
         key = int(self.ids[i]), int(self.ids[j])
         c: coefs = self._pair_c[int(bodies.kind[i]), int(bodies.kind[j])]
-        wi, wj, pi, pj = (vec3(*array[row].tolist()) for array in (now.spin, now.soon) for row in (i, j))
+        wi, wj, pi, pj = (vec3(*array[row].tolist()) for array in (now.spin, now.predicted_spin) for row in (i, j))
         grains, mi, mj = self.scene.grains, float(bodies.mass[i]), float(bodies.mass[j])
         if isinstance(grains, Clumps):
             levers = [*enumerate(now.levers(i))], [*enumerate(now.levers(j))]

@@ -21,7 +21,7 @@ from labbook_warp.beat import Beat
 from labbook_warp.compiling import mixed
 from labbook_warp.layout import EXTREMES, Sizes
 from labbook_warp.meshes import MeshTables
-from labbook_warp.parameters import cell_size, material, place, same_material
+from labbook_warp.parameters import cell_size, material, member_domain, same_material
 from labbook_warp.poses import PoseTables
 from labbook_warp.report import Report, collect
 from labbook_warp.returning import read_rows, write_rows
@@ -262,19 +262,19 @@ class Stage:
         """
         arrays, module = self.arrays, self.arrays.module
         of_scenes: dict[tuple[int, int], tuple[Any, dict[str, np.ndarray]]] = {}
-        materials, places = dict[int, Any](), dict[int, Any]()
+        materials, domains = dict[int, Any](), dict[int, Any]()
         for run in runs:
             scene = id(run.scene), id(run.numerics)
             if scene not in of_scenes:
                 of_scenes[scene] = material(module, run.scene, run.numerics), self._tables(run)
             materials[run.slot], tables = of_scenes[scene]
-            places[run.slot] = place(module, run.scene, run.numerics, run.probes, run.lattice)
+            domains[run.slot] = member_domain(module, run.scene, run.numerics, run.probes, run.lattice)
             for name, table in tables.items():
                 arrays.put(name, run.slot, table)
             for name, value in zip(EXTREMES, run.start_extremes, strict=True):
                 arrays.put(name, run.slot, np.array([value]))
         arrays.put_records("material", materials)
-        arrays.put_records("place", places)
+        arrays.put_records("domain", domains)
         if runs:
             arrays.system.common = materials[runs[-1].slot]
 
