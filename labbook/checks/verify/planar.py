@@ -68,7 +68,7 @@ class PlanarBody:
     def after(self, time: float) -> "PlanarBody":
         """Return the body after free flight over `time` [s], which may be negative."""
         (x, z), (vx, vz) = self.position, self.velocity
-        return replace(self, place=(x + vx * time, z + vz * time), angle=self.angle + self.spin * time)
+        return replace(self, position=(x + vx * time, z + vz * time), angle=self.angle + self.spin * time)
 
 
 class PlanarContact(NamedTuple):
