@@ -67,7 +67,7 @@ def _times(ax: "Axes", points: Sequence[PointClogging]) -> None:
     for place, index in enumerate(_spread(points)):
         point, colour = points[index], COLOURS[place]
         assert point.times is not None
-        curve, label = kaplan_meier(*point.times), f"{point.width:.3g}"
+        curve, label = kaplan_meier(*point.times), f"{point.width_ratio:.3g}"
         if isinstance(tail := point.tail, PowerTail):
             longest = float(point.times[0].max())
             start = float(curve.p[max(np.searchsorted(curve.x, tail.t_min) - 1, 0)])
@@ -83,21 +83,23 @@ def _times(ax: "Axes", points: Sequence[PointClogging]) -> None:
     ax.legend(loc="lower left", title="$D/d$", title_fontsize=6.5)
 
 
-def _survival(ax: "Axes", point: PointClogging, place: int) -> None:
+def _survival(ax: "Axes", point: PointClogging, index: int) -> None:
     curve, q = point.survival, point.probability
     assert curve is not None
     assert q is not None
-    ax.step(curve.x * q.value, curve.p, where="post", color=COLOURS[place], linewidth=0.9, label=f"{point.width:.3g}")
+    ax.step(
+        curve.x * q.value, curve.p, where="post", color=COLOURS[index], linewidth=0.9, label=f"{point.width_ratio:.3g}"
+    )
 
 
-def _hazard(ax: "Axes", point: PointClogging, place: int) -> None:
+def _hazard(ax: "Axes", point: PointClogging, index: int) -> None:
     curve, q = point.hazard, point.probability
     assert curve is not None
     assert q is not None
-    middle = (curve.edges[:-1] + curve.edges[1:]) / 2 * q.value * (1 + 0.02 * place)
+    middle = (curve.edges[:-1] + curve.edges[1:]) / 2 * q.value * (1 + 0.02 * index)
     rates = np.array([[rate.value, rate.low, rate.high] for rate in curve.rates]) / q.value
     bars = np.array([rates[:, 0] - rates[:, 1], rates[:, 2] - rates[:, 0]])
-    style = {"color": COLOURS[place], "marker": MARKERS[place], "markersize": 3, "linewidth": 0.7}
+    style = {"color": COLOURS[index], "marker": MARKERS[index], "markersize": 3, "linewidth": 0.7}
     ax.errorbar(middle, rates[:, 0], bars, linestyle="none", **style)
 
 
@@ -105,17 +107,17 @@ def _means(ax: "Axes", series: SeriesClogging, points: Sequence[PointClogging]) 
     for point in points:
         mean, low, high = point.mean_avalanche
         if math.isinf(mean):
-            ax.plot([point.width], [low], marker=r"$\uparrow$", color=COLOURS[0], linestyle="none", markersize=6)
+            ax.plot([point.width_ratio], [low], marker=r"$\uparrow$", color=COLOURS[0], linestyle="none", markersize=6)
             continue
         ax.errorbar(
-            [point.width], [mean], [[mean - low], [high - mean]], color=COLOURS[0], marker="o", linestyle="none"
+            [point.width_ratio], [mean], [[mean - low], [high - mean]], color=COLOURS[0], marker="o", linestyle="none"
         )
     if points:
-        x = np.linspace(min(p.width for p in points), max(p.width for p in points), 200)
-        for place, fit in enumerate(series.fits):
+        x = np.linspace(min(p.width_ratio for p in points), max(p.width_ratio for p in points), 200)
+        for index, fit in enumerate(series.fits):
             mean = fit.mean(x)
             mean[~np.isfinite(mean)] = np.nan
-            ax.plot(x, mean, color=COLOURS[1 + place], linestyle=DASHES[place], label=fit.law.name)
+            ax.plot(x, mean, color=COLOURS[1 + index], linestyle=DASHES[index], label=fit.law.name)
         ends = [end for p in points for end in p.mean_avalanche if math.isfinite(end)]
         ax.set_ylim(min(ends) / 2, max(ends) * 3)
     ax.set(yscale="log", xlabel="$D/d$", ylabel="mean avalanche $1/q$ [grains]")
