@@ -44,7 +44,7 @@ FACE, EDGE, VERTEX = 0, 1, 2
 C_POINT, C_ALONG, C_SENSE = 0, 3, 6
 CONDITION_COLUMNS = 7
 # columns of a contact: feature, overlap [m], unit normal, index of its spring, and 1 if the spring is an older one;
-# of a rod, where on the segment it is [m]
+# of a rod, position on the segment [m]
 K_FEATURE, K_OVERLAP, K_NORMAL, K_SPRING, K_OLDER, K_ALONG = 0, 1, 2, 5, 6, 7
 CONTACT_ROWS, CONTACT_COLUMNS = 3 * MESH_CONTACTS, 8
 SPHERE_ROWS = 2 * MESH_CONTACTS

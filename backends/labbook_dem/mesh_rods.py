@@ -146,7 +146,7 @@ def mesh_rod_contacts(
     half: wide, radius: wide, contacts: np.ndarray,
 ):  # fmt: skip
     """Contacts of a rod at x along the unit vector a with the features near[first:last], ascending; how many, OVER if
-    there is no room. K_ALONG of each: where on the segment it is [m]."""
+    there is no room. K_ALONG of each: position on the segment [m]."""
     count = int(0)
     for part in range(2):
         s = -half if part == 0 else half

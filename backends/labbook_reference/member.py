@@ -532,7 +532,7 @@ class Run(MemberState):
         return v, self._spins(kick(self.m, forces.t / self.bodies.inertia[:, None], self.since_half))
 
     def look(self, moving: bool = True, inside: Inside | None = None) -> Grains:
-        """Return its grains at the whole step."""
+        """Return the grains of the member at the whole step."""
         v, w = self.whole_step()
         m, bodies = rotation.momenta(self.scene.grains, w, self.q), self.bodies if self.scene.grains.varied else None
         return Grains(self.ids, self.x, v, w, m, self.v, self.m, self.q, bodies).within(inside)

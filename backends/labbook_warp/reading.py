@@ -61,7 +61,7 @@ class ReadableRun(Run, MemberState):
         return self.crossed
 
     def look(self, moving: bool = True, inside: Inside | None = None) -> Grains:
-        """Return its grains; v, w and m are half a step old unless `moving`."""
+        """Return the grains of the member; v, w and m are half a step old unless `moving`."""
         arrays, slot, n = self.view.stage.arrays, self.slot, self.rows
         state = arrays.of_slot(slot, n, self.per_grain)
         x, v_half, m_half, q = state.states()

@@ -400,7 +400,7 @@ def effects_of_numerics(lab: Lab, pilot: Study, progress: bool | Watcher = True)
 
 @contextmanager
 def _in_python() -> Iterator[None]:
-    """Names arguments of Python where a message names options of the command line, unless a verb has called."""
+    """Names arguments of Python where a message names options of the command line, unless a command has called."""
     try:
         yield
     except Unsupported as problem:

@@ -389,8 +389,8 @@ class Results(StudyResults):
         return f"<div><b>{escape(self.study.name)}</b></div>{lines}{_html(tables.flow_table(self))}{self._pictures()}"
 
     def _pictures(self) -> str:
-        """The first figure of all, as the notebook's own: of several series the one that shows them all, and beside it
-        the map of two swept keys."""
+        """Figures for a notebook: the first one, of several series the one that shows all; beside it the map of two
+        swept keys."""
         figures = {**(gallery.of_results(self) if len(self.series) > 1 else {})}
         for series in self.series[:1]:
             figures |= gallery.of_series(self, series)

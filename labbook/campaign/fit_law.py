@@ -79,7 +79,7 @@ class FitLaw(Goal):
     @model_validator(mode="before")
     @classmethod
     def _of_mapping(cls, mapping: Any) -> Any:
-        """Convert {law: {parameter: part}} to fields."""
+        """Convert {law: {parameter: fraction}} to fields."""
         if isinstance(mapping, Mapping) and mapping.keys() >= {"law", "errors"}:
             return mapping
         if not (isinstance(mapping, Mapping) and len(mapping) == 1):
@@ -269,7 +269,7 @@ class FitLaw(Goal):
     def _needed(
         self, law: Any, free: np.ndarray, context: Context, D: np.ndarray, scatter: float, t: float
     ) -> tuple[float, np.ndarray]:
-        """Find the fewest beds that reach all errors, and the part of them at each outlet, shape [n]."""
+        """Find the fewest beds that reach all errors, and their fraction at each outlet, shape [n]."""
         J, slopes, inner = self._sensitivities(law, free, context, D), self._relative(law, free, context), len(D) - 2
         best = math.inf, np.full(len(D), 1 / len(D))
         for split in _SPLITS:

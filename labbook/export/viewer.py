@@ -27,7 +27,7 @@ _HEAD = 28  # pixels: height of a line above a view
 
 
 class ViewerFailed(Exception):
-    """The viewer did not open or drew nothing; the message has its last words and a remedy."""
+    """The viewer did not open or drew nothing; the message has the end of its output and a remedy."""
 
 
 def show(recordings: Sequence[Path], at: float) -> None:
@@ -104,7 +104,7 @@ def screenshot(recording: Path, picture: Path, at: float = 0.4, size: tuple[int,
 def _photograph(
     viewer: subprocess.Popen, port: int, recording: Path, folder: Path, at: float, size: tuple[int, int]
 ) -> list[list[tuple[str, Path]]]:
-    """Rows of pictures of all views, in `folder`, with what stands above them. W(t) is drawn here, since axes of the
+    """Rows of pictures of all views, in `folder`, with their headings. W(t) is drawn here, since axes of the
     viewer are dark without a screen."""
     client = _connect(viewer, port)
     connected = time.monotonic()

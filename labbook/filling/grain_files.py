@@ -29,7 +29,7 @@ _MOVING = ("id", "vx", "vy", "vz", "omegax", "omegay", "omegaz")
 
 
 class GrainFileError(Exception):
-    """A file of grains cannot be read; the message gives the place and the expected content."""
+    """A file of grains cannot be read; the message gives the line and the expected content."""
 
 
 @dataclass(frozen=True, eq=False)

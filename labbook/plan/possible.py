@@ -162,7 +162,7 @@ STEPS_OF_A_PERIOD = 50
 
 
 class Outside(NamedTuple):
-    """Place where a part leaves a container: axis, position of the wall on it [m], and time [s]."""
+    """Point where a part leaves a container: axis, position of the wall on it [m], and time [s]."""
 
     axis: str
     at: float

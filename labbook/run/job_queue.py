@@ -47,7 +47,7 @@ class StartedJob:
 
 @dataclass
 class Tally:
-    """Counts of a session.
+    """Numbers of runs and packings that ended in a session, and its failures.
 
     Args:
         ran: Outcome by run key, for the runs that ended in this session.

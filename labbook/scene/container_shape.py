@@ -374,7 +374,7 @@ def _lowest(part: Wall) -> float:
 
 
 def _at_rest(parts: tuple[Wall, ...], surface_motion: bool) -> tuple[Wall, ...]:
-    """Stop the parts.
+    """Copy parts without their motion.
 
     Args:
         parts: Parts of a container.

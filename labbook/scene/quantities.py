@@ -299,7 +299,7 @@ def _converted(product: Any, unit: str, counts: bool) -> Any:
 
 
 def _mismatch(units: Any, unit: str | None) -> str:
-    """Reason against the pint unit `units` in place of `unit`."""
+    """Reason why the pint unit `units` cannot be used for `unit`."""
     requirement, symbol = f"a quantity in {unit}" if unit else "a number without unit", f"{units:~}"
     return f"{requirement} is needed, not {f'one in {symbol}' if symbol else 'a number without unit'}"
 
@@ -360,7 +360,7 @@ class Unit:
 
 
 class OfGrain(Unit):
-    """Mark of a quantity of the grains themselves: its `d` is the `diameter` that stands before it."""
+    """Mark of a quantity of the grains themselves: `d` in it is the `diameter` stated before it."""
 
     def _diameter(self, info: ValidationInfo) -> float | None:
         return info.data.get("diameter")

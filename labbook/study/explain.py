@@ -145,7 +145,7 @@ def _unknown_key(location: Location, choices: frozenset[str], beside: Mapping[st
 
 
 def _unknown_choice(section: Location, context: Mapping[str, Any], value: Any) -> Iterator[Complaint]:
-    """Of a section without its choice (`kind`, `law`, `shape`), or with one that there is not."""
+    """Complaint about a section that lacks its choice (`kind`, `law`, `shape`), or states an unknown one."""
     location = (*section, context["discriminator"].strip("'"))
     tag = str(context.get("tag", ""))
     keys = value if isinstance(value, Mapping) else ()

@@ -345,7 +345,7 @@ def _from_elsewhere(name: str) -> str | None:
 
 
 def _of_another_section(name: str, names: Sequence[str]) -> str | None:
-    """The remedy for the last part of a known name in the wrong section."""
+    """Remedy for a key whose last part is a key of another section."""
     leaf = name.rpartition(".")[2]
     ending = {known for known in names if known.rpartition(".")[2] == leaf}
     homonyms = sorted(ending, key=lambda known: (_FIRST.index(known.split(".")[0]), known.count("."), known))

@@ -8,7 +8,7 @@ The module of a wall called WALL defines, with `_` for `-` in names:
 * `parameters(shape)`, the host's: the numbers that describe the wall, as many as it needs
 * `WALL_distance(p..., x)`: distance [m] of the point x from the wall, and the unit normal from the wall to the point
 * `PARTS`: points, the parts of a rod, at which a rod may touch it: 2, or 4 of a wall with edges
-* `WALL_rod(p..., x, a, ...)`: of one part of a rod: distance [m], unit normal, and where on the segment it is [m];
+* `WALL_rod(p..., x, a, ...)`: of one part of a rod: distance [m], unit normal, and position on the segment [m];
   not of a wall whose type says `spheres_only`
 * `WALL_edge(p..., x, part)`, of a wall with edges: distance [m] of x from the edge that part 2 or 3 lies across
 * `WALL_edges(p..., x, a, half, radius)`, where both edges are best found together: met, on, other, back, which are

@@ -16,7 +16,7 @@ def plane_distance(point: wide3, normal: wide3, x: wide3):
 
 @func
 def plane_rod(point: wide3, normal: wide3, x: wide3, a: wide3, half: wide, part: int):
-    """Distance [m] of an end of a rod from the plane, unit normal, and where on the segment it is [m].
+    """Distance [m] of an end of a rod from the plane, unit normal, and position on the segment [m].
 
     x: centre [m]; a: unit axis; half: half the length of the segment [m]. Part 0 is the end at -half, part 1 at +half.
     """

@@ -60,7 +60,7 @@ def outlet_pictures(results: StudyResults, folder: Path) -> list[Picture]:
 
 
 def ratio_sections(results: StudyResults, folder: Path) -> list[Section]:
-    """Sections on flow rates over a plain hopper's, if the angle of the bottom or the place of the outlet varies."""
+    """Sections on flow rates over a plain hopper's, if the angle of the bottom or the position of the outlet varies."""
     sections = []
     if angles := by_angle(results.points):
         figure = figures.flow_against_angle(angles)

@@ -38,7 +38,7 @@ _WIDTHS = 60
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Law with its 95 % intervals at places `at`. Half widths are infinite with one replicate.
+    """Law with its 95 % intervals at positions `at`. Half widths are infinite with one replicate.
 
     Args:
         at: Places, shape [n].

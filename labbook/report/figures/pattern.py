@@ -117,7 +117,7 @@ def draw_means(ax: "Axes", section: PlaneSection, norm) -> None:
 
 
 def even(points: np.ndarray) -> np.ndarray:
-    """Equal distances to the last digit, as streamlines ask for."""
+    """Coordinates with exactly equal spacings, which streamlines require."""
     return np.linspace(points[0], points[-1], len(points))
 
 
