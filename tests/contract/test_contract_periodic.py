@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from platforms import Bundled, identical
 from scipy.spatial import KDTree
-from stands import Bundled, identical
 
 from labbook.backend import Checkpoint
 from labbook.backend.probes import Contacts, Ledger
@@ -31,10 +31,12 @@ def crowd(period: float) -> tuple[Scene, Packing]:
     return of, place(smaller, "dense", 1)
 
 
-def ends(stand: Bundled, of: Scene, start: Packing | Checkpoint, beats: int, steps: int):
+def ends(platform: Bundled, of: Scene, start: Packing | Checkpoint, beats: int, steps: int):
     """Packing, checkpoint and last contacts of a member."""
-    numerics = stand.numerics(DT, steps_per_beat=steps)
-    ensemble = stand.backend.open(stand.backend.specialise(of, numerics, (CONTACTS, Ledger())), 1, stand.device)
+    numerics = platform.numerics(DT, steps_per_beat=steps)
+    ensemble = platform.backend.open(
+        platform.backend.specialise(of, numerics, (CONTACTS, Ledger())), 1, platform.device
+    )
     try:
         member = ensemble.admit(of, numerics, start)
         assert not ensemble.advance(beats)
@@ -73,9 +75,9 @@ def across(branches: Sequence[np.ndarray], packing: Packing, pairs: Sequence[tup
 
 
 @pytest.mark.parametrize("period", PERIODS)
-def test_every_contact_is_there_once(stand: Bundled, period):
+def test_every_contact_is_there_once(platform: Bundled, period):
     of, start = crowd(period)
-    packing, _, rows = ends(stand, of, start, 1, 1)
+    packing, _, rows = ends(platform, of, start, 1, 1)
     expected = touching(packing, of.container.period)
     between = rows["j"] >= 0
     i, j = rows["i"][between], rows["j"][between]
@@ -87,28 +89,28 @@ def test_every_contact_is_there_once(stand: Bundled, period):
     assert np.abs(branch - [expected[pair] for pair in pairs]).max() < 1e-6 * D, "rows of contacts may be single"
 
 
-def test_members_of_other_periods_side_by_side_change_no_bit(stand: Bundled):
+def test_members_of_other_periods_side_by_side_change_no_bit(platform: Bundled):
     crowds = [crowd(period) for period in (2.6, 5.9)]
-    numerics = stand.numerics(DT, steps_per_beat=60)
-    ensemble = stand.backend.open(
-        stand.backend.specialise(crowds[0][0], numerics, (CONTACTS, Ledger())), 2, stand.device
+    numerics = platform.numerics(DT, steps_per_beat=60)
+    ensemble = platform.backend.open(
+        platform.backend.specialise(crowds[0][0], numerics, (CONTACTS, Ledger())), 2, platform.device
     )
     try:
         members = [ensemble.admit(of, numerics, start) for of, start in crowds]
         assert not ensemble.advance(1)
         for member, (of, start) in zip(members, crowds, strict=True):
-            assert identical(ensemble.packing(member), ends(stand, of, start, 1, 60)[0])
+            assert identical(ensemble.packing(member), ends(platform, of, start, 1, 60)[0])
     finally:
         ensemble.close()
 
 
-def test_on_from_a_checkpoint_with_the_same_bits(stand: Bundled):
+def test_on_from_a_checkpoint_with_the_same_bits(platform: Bundled):
     of, start = crowd(3.7)
     along = np.array([0.0, 1.0, 0.0])
     start = Packing(x=start.x + 40.0 * along, v=start.v + 2.0 * along, omega=start.omega)
-    whole, _, _ = ends(stand, of, start, 2, 60)
-    _, half, _ = ends(stand, of, start, 1, 60)
-    again, _, _ = ends(stand, of, half, 1, 60)
+    whole, _, _ = ends(platform, of, start, 2, 60)
+    _, half, _ = ends(platform, of, start, 1, 60)
+    again, _, _ = ends(platform, of, half, 1, 60)
     assert identical(whole, again)
     assert np.abs(whole.x[:, 1]).max() <= of.container.period / 2, "places outside are brought into the box"
     order = np.argsort(ids_of(whole))

@@ -10,7 +10,7 @@ from labbook.checks.stress.watch import follow, sound
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.collision import duration
 from labbook.checks.verify.materials import LAWS, D, scene
-from labbook.checks.verify.stand import MemberStart, Stand, grains_at
+from labbook.checks.verify.platform import MemberStart, Platform, grains_at
 from labbook.scene import Box, Scene
 from labbook.scene.packing import Packing
 from labbook.scene.periodic import nearest_images
@@ -28,23 +28,23 @@ def _between(law: str) -> Scene:
     return scene(2, LAWS[law](**smooth, **RIGID[law]), Box(width=4.0, depth=NARROW, height=4.0, periodic="y"))
 
 
-def _ends(stand: Stand, of: Scene, dt: float, start: Packing, beats: int) -> tuple[np.ndarray, np.ndarray]:
+def _ends(platform: Platform, of: Scene, dt: float, start: Packing, beats: int) -> tuple[np.ndarray, np.ndarray]:
     """Places [m] and velocities [m/s] at the end, by id."""
-    end = sound(follow(stand, MemberStart(of, dt, start), beats, PER_CONTACT)).end
+    end = sound(follow(platform, MemberStart(of, dt, start), beats, PER_CONTACT)).end
     order = end.rows(np.arange(len(end)))
     return end.x[order], end.v[order]
 
 
-def _at_sides(stand: Stand) -> Iterator[Ending]:
+def _at_sides(platform: Platform) -> Iterator[Ending]:
     for law in LAWS:
         of = _between(law)
         dt = duration(of, SPEED) / PER_CONTACT
         # one on either side, touching across them: they exchange their velocities
         x = np.array([[0.0, NARROW / 2, 2.0], [0.0, -NARROW / 2 + D, 2.0]])
-        _, v = _ends(stand, of, dt, grains_at(x, [[0.0, SPEED / 2, 0.0], [0.0, -SPEED / 2, 0.0]]), 2)
+        _, v = _ends(platform, of, dt, grains_at(x, [[0.0, SPEED / 2, 0.0], [0.0, -SPEED / 2, 0.0]]), 2)
         error = float(np.abs(v[:, 1] - [-SPEED / 2, SPEED / 2]).max()) / SPEED
         yield within(
-            stand,
+            platform,
             f"{law}, exactly at the sides",
             "velocity",
             error,
@@ -52,30 +52,30 @@ def _at_sides(stand: Stand) -> Iterator[Ending]:
         )
         # a row of two, of which each meets both sides of the other in turn
         start = grains_at([[0.0, 0.0, 2.0], [0.0, 1.0005 * D, 2.0]], [[0.0, SPEED, 0.0], [0.0, 0.0, 0.0]])
-        _, v = _ends(stand, of, dt, start, ROUNDS)
+        _, v = _ends(platform, of, dt, start, ROUNDS)
         momentum, energy = v[:, 1].sum() / SPEED - 1, (v**2).sum() / SPEED**2 - 1
         part = f"{law}, a row that meets itself"
-        yield within(stand, part, "momentum", abs(float(momentum)), limited(1e-12, steps=ROUNDS * PER_CONTACT))
+        yield within(platform, part, "momentum", abs(float(momentum)), limited(1e-12, steps=ROUNDS * PER_CONTACT))
         # the last contact may hold energy: it is over, or has just begun
         yield within(
-            stand,
+            platform,
             part,
             "gain of energy",
             max(0.0, float(energy)),
             limited(1e-5, roundings=4000, steps=2 * ROUNDS * PER_CONTACT),
         )
-        yield _flight(stand, law, of)
+        yield _flight(platform, law, of)
 
 
-def _flight(stand: Stand, law: str, of: Scene) -> Ending:
+def _flight(platform: Platform, law: str, of: Scene) -> Ending:
     """Free flight over many periods, several in a beat."""
     dt, beats = 1e-6, 10
     v = np.array([[0.3, FLIGHT, -0.2], [0.3, -FLIGHT, 0.2]])
     start = grains_at([[0.0, 0.3 * D, 1.0], [1.0, 0.2 * D, 3.0]], v)
-    x, _ = _ends(stand, of, dt, start, beats)
+    x, _ = _ends(platform, of, dt, start, beats)
     error = nearest_images(x - start.x - v * (dt * beats * PER_CONTACT), NARROW)
     limit = limited(1e-13 * FLIGHT / D * beats, "d", steps=FLIGHT * dt * (beats * PER_CONTACT) ** 2 / D)
-    return within(stand, f"{law}, flight at {FLIGHT:g} m/s", "position", float(np.abs(error).max()) / D, limit)
+    return within(platform, f"{law}, flight at {FLIGHT:g} m/s", "position", float(np.abs(error).max()) / D, limit)
 
 
 CASES = [

@@ -9,8 +9,8 @@ from labbook.backend.probes import Ledger
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.collision import duration, oblique
 from labbook.checks.verify.materials import D, G, hertz, scene
+from labbook.checks.verify.platform import MemberStart, Platform, Trajectory, grains_at, require
 from labbook.checks.verify.rods import ROD, rods
-from labbook.checks.verify.stand import MemberStart, Motion, Stand, grains_at, require
 from labbook.filling.placing import place
 from labbook.scene import Box, Frustum, Scene, SurfaceChange, Wall
 from labbook.scene.orientation import turned_to
@@ -32,13 +32,13 @@ def _apart(period: float) -> Box:
     return Box(width=2.0, depth=period, height=2.0, periodic="y")
 
 
-def _across(stand: Stand, of: Scene, start: Packing, dt: float, steps: int) -> Mapping[str, float]:
+def _across(platform: Platform, of: Scene, start: Packing, dt: float, steps: int) -> Mapping[str, float]:
     """Differences between collisions of PAIRS pairs at y = 0 and at the sides, relative to the largest values."""
     period = of.container.period
     shifted = replace(start, x=nearest_images(start.x + np.array([0.0, period / 2, 0.0]), period))
     second = shifted.x[PAIRS:, 1] * shifted.x[:PAIRS, 1]
     require(bool((second < 0).any()), "no pair lies across the sides")
-    here, there = stand.run_all([MemberStart(of, dt, packing) for packing in (start, shifted)], 1, steps)
+    here, there = platform.run_all([MemberStart(of, dt, packing) for packing in (start, shifted)], 1, steps)
     turned = np.abs(here.end.omega - start.omega).max() / np.abs(here.end.omega).max()
     require(bool(turned > 0.01), "the pairs did not collide")
     branch = [nearest_images(motion.end.x[PAIRS:] - motion.end.x[:PAIRS], period) for motion in (here, there)]
@@ -53,16 +53,16 @@ def _difference(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.abs(a - b).max() / np.abs(a).max())
 
 
-def _spheres(stand: Stand) -> Mapping[str, float]:
+def _spheres(platform: Platform) -> Mapping[str, float]:
     start = oblique(PAIRS, 0.2, seed=2)
     middle = (start.x[PAIRS:] + start.x[:PAIRS]) / 2
     start = replace(start, x=start.x - np.tile(middle * [0.0, 1.0, 0.0], (2, 1)))
     of = scene(2 * PAIRS, hertz(), _apart(PERIOD))
     dt = duration(of, 0.2) / 100
-    return _across(stand, of, start, dt, 600)
+    return _across(platform, of, start, dt, 600)
 
 
-def _rods(stand: Stand) -> Mapping[str, float]:
+def _rods(platform: Platform) -> Mapping[str, float]:
     """Rods that lie nearly along x and meet off their centres."""
     rng = np.random.default_rng(5)
     centres = np.array([[6 * ROD.extent * (k - PAIRS / 2), 0.0, 0.5] for k in range(PAIRS)])
@@ -74,7 +74,7 @@ def _rods(stand: Stand) -> Mapping[str, float]:
         omega=rng.normal(size=(2 * PAIRS, 3)), q=turned_to(along / np.linalg.norm(along, axis=1)[:, None]),
     )  # fmt: skip
     soft = {"normal_stiffness": 2e3, "friction": 0.5, "restitution": 0.6, "rolling_friction": 0.01}
-    return _across(stand, rods(2 * PAIRS, _apart(2.2 * ROD.extent), **soft), start, 6e-6, 1500)
+    return _across(platform, rods(2 * PAIRS, _apart(2.2 * ROD.extent), **soft), start, 6e-6, 1500)
 
 
 def _bed() -> tuple[Scene, Packing]:
@@ -85,14 +85,14 @@ def _bed() -> tuple[Scene, Packing]:
     return of, place(of, "gas", 1)
 
 
-def _frames(stand: Stand) -> Mapping[str, float]:
+def _frames(platform: Platform) -> Mapping[str, float]:
     of, start = _bed()
     along = np.array([0.0, 1.0, 0.0])
     shifted = replace(start, x=nearest_images(start.x + 0.37 * PERIOD * along, PERIOD))
     moving = replace(shifted, v=start.v + STREAM * along)
     errors = {}
     for name, steps in (("5 ms", 200), ("25 ms", 1000)):
-        at = [stand.run(MemberStart(of, DT, packing), 1, steps).end for packing in (start, shifted, moving)]
+        at = [platform.run(MemberStart(of, DT, packing), 1, steps).end for packing in (start, shifted, moving)]
         for frame, end, away in (("shifted", at[1], 0.0), ("moving", at[2], STREAM * DT * steps)):
             error = nearest_images(_by_id(end) - _by_id(at[0]) - (0.37 * PERIOD + away) * along, PERIOD)
             errors[f"{frame}, after {name}"] = float(np.abs(error).max() / D)
@@ -108,7 +108,7 @@ def _ids(packing: Packing) -> np.ndarray:
     return packing.ids
 
 
-def _part(stand: Stand) -> Mapping[str, float]:
+def _part(platform: Platform) -> Mapping[str, float]:
     """Spheres fly across the sides, in either sense, and meet a post in the middle of the box from behind."""
     post = Wall(name="post", shape=Frustum(lower=(D, 0.0), upper=(D, 10 * D)))
     of = scene(
@@ -116,29 +116,29 @@ def _part(stand: Stand) -> Mapping[str, float]:
     )
     x = np.array([[0.0, 2 * D, 4 * D], [0.0, -2.2 * D, 6 * D]])  # of two lengths of way, and far from each other
     start = grains_at(x, [[0.0, 0.5, 0.0], [0.0, -0.5, 0.0]])
-    end = stand.run(MemberStart(of, 0.4 * DT, start), 1, 3500).end
+    end = platform.run(MemberStart(of, 0.4 * DT, start), 1, 3500).end
     v = end.v[np.argsort(_ids(end))]
     return {"v'/v + 1": float(np.abs(v / 0.5 + start.v / 0.5)[:, 1].max())}
 
 
-def _momentum(stand: Stand) -> Mapping[str, float]:
+def _momentum(platform: Platform) -> Mapping[str, float]:
     of, start = _bed()
-    motion = stand.run(MemberStart(of, DT, start), 20, 100, [LEDGER])
+    motion = platform.run(MemberStart(of, DT, start), 20, 100, [LEDGER])
     p = of.grains.mass * np.abs(start.v).sum()
     return {"p_y": _largest_change(motion, "py") / p, "outside the box": _outside(motion)}
 
 
-def _largest_change(motion: Motion, name: str) -> float:
+def _largest_change(motion: Trajectory, name: str) -> float:
     column = motion.rows(LEDGER)[name]
     require(float(motion.rows(LEDGER)["touching"][-1]) > COUNT, "the grains do not touch")
     return float(np.abs(column - motion.scene.grains.mass * _start_sum(motion)).max())
 
 
-def _start_sum(motion: Motion) -> float:
+def _start_sum(motion: Trajectory) -> float:
     return float(_bed()[1].v[:, 1].sum())
 
 
-def _outside(motion: Motion) -> float:
+def _outside(motion: Trajectory) -> float:
     return float(max(0.0, np.abs(motion.end.x[:, 1]).max() - PERIOD / 2) / D)
 
 

@@ -10,7 +10,7 @@ import pytest
 from labbook.backend.numerics import Numerics
 from labbook.checks.verify.materials import linear, scene
 from labbook.checks.verify.mesh import of_triangles, sheet
-from labbook.checks.verify.stand import grains_at
+from labbook.checks.verify.platform import grains_at
 from labbook.export.colour_bar import speed_colours, speed_ticks
 from labbook.export.entities import CLOCK, Steady, ViewerMissing, log_grains, paths_of
 from labbook.export.forces import PairForces, pair_forces
