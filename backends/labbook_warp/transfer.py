@@ -116,15 +116,15 @@ def set_velocities(arrays: Arrays, slot: int, rows: int, scene: Scene, ids: np.n
     per_grain = rows_of_grain(scene)
     numbers, of_rows = np.array(arrays.read("p", slot, rows)), arrays.read("ids", slot, rows)
     order = present_rows(arrays.codec.decode(numbers)[0], of_rows)  # a grain that returned has a second row
-    place = order[np.searchsorted(of_rows[order], row_ids(ids, per_grain))]
+    index = order[np.searchsorted(of_rows[order], row_ids(ids, per_grain))]
     if isinstance(scene.grains, Clumps):
-        velocities, first = np.array(arrays.read("clump_v", slot, rows)), place[::per_grain]
+        velocities, first = np.array(arrays.read("clump_v", slot, rows)), index[::per_grain]
         velocities[first] = v
         arrays.write("clump_v", slot, velocities)
         x, m, q = (arrays.read(name, slot, rows)[first] for name in ("clump_x", "clump_m", "turned"))
-        numbers[place] = sphere_words(arrays, scene.grains, x, v, spins(scene.grains, m, q), q)
+        numbers[index] = sphere_words(arrays, scene.grains, x, v, spins(scene.grains, m, q), q)
     else:
-        numbers[place] = arrays.codec.with_velocities(numbers[place], v)
+        numbers[index] = arrays.codec.with_velocities(numbers[index], v)
     arrays.write("p", slot, numbers)
 
 
@@ -135,10 +135,10 @@ def _in_blocks(arrays: Arrays, x: np.ndarray, cell: float) -> np.ndarray:
     ordered by cells within each quarter of the bed, the fastest of the measured orders.
     """
     at = np.floor(x / cell).astype(np.int64)
-    part = at // _BLOCK
+    block = at // _BLOCK
     if arrays.module.ORIENTED and arrays.module.SHARED and len(x):
-        part = x[:, :2] > np.median(x[:, :2], axis=0)
-    return np.lexsort((*at.T, *part.T))
+        block = x[:, :2] > np.median(x[:, :2], axis=0)
+    return np.lexsort((*at.T, *block.T))
 
 
 def set_springs(arrays: Arrays, slot: int, scene: Scene, packing: Packing, names: Sequence[str]) -> None:
@@ -184,8 +184,8 @@ def _set_wall_springs(
     n, parts = len(packing), arrays.sizes.parts
     state = {name: arrays.read(name, slot, n) for name in arrays.state if name.startswith("wall_")}
     at, part = rows[packing.wall_grain], packing.wall_part
-    place = {name: wall for wall, name in enumerate(names)}
-    wall = np.array([place.get(name, -1) for name in packing.wall_name.tolist()], np.int64)
+    index_of_wall = {name: wall for wall, name in enumerate(names)}
+    wall = np.array([index_of_wall.get(name, -1) for name in packing.wall_name.tolist()], np.int64)
     feature = None
     if "wall_feature" in state:
         features = np.diff(first_features(shapes_of(scene.container.walls()), has_rods(scene)), append=0)[wall]
@@ -230,11 +230,11 @@ def packing(state: SlotState, scene: Scene, v: np.ndarray, m: np.ndarray) -> Pac
     x, _, _, orientation = state.states()
     ids, masks = state.read("ids").astype(np.int64), state.read("held")
     order = present_rows(x, ids)
-    place = np.full(len(ids), -1)
-    place[order] = np.arange(len(order))
+    index = np.full(len(ids), -1)
+    index[order] = np.arange(len(order))
     nbr, spring = state.read("nbr"), state.read("spring")
     k, row = np.nonzero(masks[None, :] >> np.arange(len(nbr), dtype=np.uint32)[:, None] & 1)
-    i, j = place[row], place[nbr[k, row]]
+    i, j = index[row], index[nbr[k, row]]
     selected = (i >= 0) & (j > i)
     by_pair = np.lexsort((j[selected], i[selected]))
     wall_masks = state.read("wall_held")
@@ -246,11 +246,11 @@ def packing(state: SlotState, scene: Scene, v: np.ndarray, m: np.ndarray) -> Pac
     if "wall_feature" in state.kinds:
         meshes = np.array([isinstance(shape, TriangleMesh) for shape in shapes_of(scene.container.walls())])[wall_index]
         part = np.where(meshes, state.read("wall_feature")[k_wall, wall_row], part)
-    by_wall = np.lexsort((place[wall_row], part, wall_index))
-    by_wall = by_wall[place[wall_row[by_wall]] >= 0]
+    by_wall = np.lexsort((index[wall_row], part, wall_index))
+    by_wall = by_wall[index[wall_row[by_wall]] >= 0]
     k_wall, wall_row, wall_index, part = k_wall[by_wall], wall_row[by_wall], wall_index[by_wall], part[by_wall]
     pairs, per_grain = np.column_stack([i[selected], j[selected]])[by_pair], state.per_grain
-    contacts = contacts_of_grains(scene, pairs, place[wall_row], part)
+    contacts = contacts_of_grains(scene, pairs, index[wall_row], part)
     order = order[::per_grain]  # rows of grains, or of the first spheres of clumps
     q = None if orientation is None else orientation[order]
     rolling_fields: dict[str, np.ndarray | None] = {}

@@ -139,9 +139,9 @@ def advance_clump(a: System, p: Words, q: Words, m: Material, s: int, i: int, no
     q0, q1, q2, q3 = turn_clump(before[0], before[1], before[2], before[3], w, a.clump_flat[s], m.slenderness, m.dt)
     a.turned[i] = wide4(q0, q1, q2, q3)
     spin = clump_spin(a, m, s, i, w)
-    soon = clump_spin(a, m, s, i, predicted(w, turn_acc, m.dt))
+    predicted_spin = clump_spin(a, m, s, i, predicted(w, turn_acc, m.dt))
     if CROSSING:
-        plane = a.place[s].plane
+        plane = a.domain[s].plane
         if x[2] < plane:
             if a.gone[i] == 0:
                 g = Grain()
@@ -151,7 +151,7 @@ def advance_clump(a: System, p: Words, q: Words, m: Material, s: int, i: int, no
                 record_crossing(a, plane, m.dt, s, i, now, x0[2], g)
     stays = bool(True)
     if OUTLET:
-        if x[2] < a.place[s].drop:
+        if x[2] < a.domain[s].drop:
             stays = bool(False)
             park_clump(a, q, s, i, count, x)
     if stays:
@@ -168,7 +168,7 @@ def advance_clump(a: System, p: Words, q: Words, m: Material, s: int, i: int, no
                 way2 = dot(way, way)
             put(
                 q, i + k, centre, narrow(sphere_velocity(v, spin, lever)), narrow(spin),
-                narrow(sphere_velocity(u, soon, lever)), real(0.0),
+                narrow(sphere_velocity(u, predicted_spin, lever)), real(0.0),
             )  # fmt: skip
         check_clump(a, m, s, i, now, way2, w)
 

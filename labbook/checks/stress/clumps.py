@@ -6,12 +6,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from labbook.checks.stress.case import Ending, StressCase, within
-from labbook.checks.stress.geometry import rests
+from labbook.checks.stress.geometry import rest_at_end
 from labbook.checks.stress.watch import follow, guard_error, sound
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.clumps import PLATE, D, clumps, clumps_at
 from labbook.checks.verify.materials import G, floor
-from labbook.checks.verify.stand import MemberStart, Stand
+from labbook.checks.verify.platform import MemberStart, Platform
 from labbook.scene import Box, Clumps, Primitives
 
 SPEED, STIFFNESS = 0.1, 2e3
@@ -45,7 +45,7 @@ ALONG = (0.5**0.5, 0.0, 0.5**0.5, 0.0)
 """A pair that lies along the first horizontal axis."""
 
 
-def _aligned(stand: Stand) -> Iterator[Ending]:
+def _aligned(platform: Platform) -> Iterator[Ending]:
     """By symmetry nothing turns: the moving clump stops, and the other takes over its velocity, as spheres do."""
     across = 2 * 0.4 * D
     notch = math.sqrt(D**2 - across**2 / 2)
@@ -62,36 +62,38 @@ def _aligned(stand: Stand) -> Iterator[Ending]:
                        tangential_damping=0.0)  # fmt: skip
         x = [[0.1, 0.1, 0.1 + touch + 2.5 * SPEED * dt], [0.1, 0.1, 0.1]]
         start = clumps_at(x, [first, second], [[0.0, 0.0, -SPEED], [0.0, 0.0, 0.0]])
-        end = sound(follow(stand, MemberStart(scene, dt, start), 8, 250)).end
+        end = sound(follow(platform, MemberStart(scene, dt, start), 8, 250)).end
         wrong = float(np.abs(end.v - [[0.0, 0.0, 0.0], [0.0, 0.0, -SPEED]]).max()) / SPEED
-        yield within(stand, name, "velocities exchanged", wrong, limited(1e-5, roundings=100, steps=1000))
+        yield within(platform, name, "velocities exchanged", wrong, limited(1e-5, roundings=100, steps=1000))
         spin = float(np.abs(end.omega).max()) * D / SPEED
         # contacts that begin a rounding apart turn clumps by their levers
-        yield within(stand, name, "spin", spin, limited(1e-8, roundings=1000, steps=1000))
+        yield within(platform, name, "spin", spin, limited(1e-8, roundings=1000, steps=1000))
 
 
-def _stacked(stand: Stand) -> Iterator[Ending]:
+def _stacked(platform: Platform) -> Iterator[Ending]:
     """Plates exactly on top of one another, and pairs that lie in the notches of those below."""
     law = {"normal_stiffness": STIFFNESS, "friction": 0.5, "rolling_friction": 0.01, "restitution": 0.2}
     here = clumps(TRIPOD, 4, Primitives(parts=(floor(),)), G, **law)
     x = [[0.0, 0.0, 0.5 * D + k * D] for k in range(4)]
-    motion = yield from rests(stand, "4 plates on one another", MemberStart(here, DT, clumps_at(x, [FLAT] * 4)))
+    motion = yield from rest_at_end(
+        platform, "4 plates on one another", MemberStart(here, DT, clumps_at(x, [FLAT] * 4))
+    )
     aside = float(np.abs(motion.end.x[:, :2]).max()) / D
-    yield within(stand, "4 plates on one another", "aside", aside, limited(1e-6, "d", roundings=1000))
+    yield within(platform, "4 plates on one another", "aside", aside, limited(1e-6, "d", roundings=1000))
     box = Box(width=1.801 * D, depth=1.801 * D, height=1.0)
     here = clumps(PAIR, 6, box, G, **law)
     rise = math.sqrt(D**2 - 2 * (0.4 * D) ** 2)
     x = [[0.0, 0.0, 0.5 * D + k * rise] for k in range(6)]
     start = clumps_at(x, [(ALONG, ACROSS)[k % 2] for k in range(6)])
-    yield from rests(stand, "6 pairs crossed in a box", MemberStart(here, DT, start))
+    yield from rest_at_end(platform, "6 pairs crossed in a box", MemberStart(here, DT, start))
 
 
-def _coincident(stand: Stand) -> Iterator[Ending]:
+def _coincident(platform: Platform) -> Iterator[Ending]:
     """Two clumps in one place, and a sphere of one within another: forces of 0/0, and overlaps of a diameter."""
     law = {"normal_stiffness": STIFFNESS, "friction": 0.5}
     for name, apart in {"in one place": 0.0, "a tenth of d apart": 0.1 * D}.items():
         start = clumps_at([[0.1, 0.1, 0.1], [0.1 + apart, 0.1, 0.1]], [UPRIGHT, UPRIGHT])
-        course = follow(stand, MemberStart(clumps(PAIR, 2, Primitives(), G, **law), 1e-6, start), 2)
+        course = follow(platform, MemberStart(clumps(PAIR, 2, Primitives(), G, **law), 1e-6, start), 2)
         yield guard_error(name, course)
 
 

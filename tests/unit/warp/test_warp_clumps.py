@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stands import identical
+from platforms import identical
 
 pytest.importorskip("warp")
 
@@ -15,7 +15,7 @@ from rods_on_warp import sharing
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Ledger, Sample
 from labbook.checks.verify.clumps import SEED, D
-from labbook.checks.verify.stand import rows_of
+from labbook.checks.verify.platform import rows_of
 from labbook.filling.placing import place
 from labbook.scene import Clumps, CylinderSilo, LinearSpringDashpot, Packing, Scene
 
