@@ -119,10 +119,10 @@ def measured(study: Study, lab: Lab) -> dict[str, np.ndarray]:
         rate = run.measured.get(FLOW_RATE)
         if rate is None or not np.isfinite(rate.value):
             continue
-        record, packing = read_packing(lab.place.packing(run.packing_key))
+        record, packing = read_packing(lab.lab_folder.packing(run.packing_key))
         steps = [
             sum(session.grain_steps for session in sessions)
-            for sessions in (record.sessions, RunRecord.read(lab.place.run(run.run_key)).sessions)
+            for sessions in (record.sessions, RunRecord.read(lab.lab_folder.run(run.run_key)).sessions)
         ]
         scene = point.point.scene
         rows.append((rate.value, solid_fraction(scene, packing), coordination(scene.grains, packing), *steps))
@@ -135,7 +135,7 @@ def compared(first: dict[str, np.ndarray], second: dict[str, np.ndarray], margin
     figures: dict[str, Any] = {"beds": len(second["flow_rate"])}
     for name in ("flow_rate", "solid_fraction", "coordination"):
         mean = float(first[name].mean())
-        test = tost(first[name], second[name], margin * mean).over(mean)
+        test = tost(first[name], second[name], margin * mean).relative_to(mean)
         figures[name] = {
             "first": mean,
             "second": float(second[name].mean()),

@@ -49,7 +49,7 @@ def fraction(friction, rolling):
     return 0.64 - 0.05 * friction / (friction + 0.2) - 0.35 * rolling
 
 
-class Bench:
+class SyntheticStudy:
     """A study without a lab, whose runs are draws from a law. `stops`: part of the runs without a number."""
 
     def __init__(self, law, seed, stops=0.0):
@@ -123,9 +123,9 @@ def coverage(repeats: int, stops: float = 0.0, discrepancy: float = 0.0) -> dict
         goal = Calibrate(parameters=PRIORS, measurements=(), discrepancy=discrepancy, accuracy={})
         truth = [float(axis.value(x)) for axis, x in zip(goal.axes, u, strict=True)]
         goal = goal.model_copy(update={"measurements": draw_measurements(truth, rng, discrepancy=discrepancy)})
-        bench = Bench(flow_and_fraction, [number, 5], stops)
-        campaign = bench.campaign(goal)
-        inference: Inference = goal.infer(bench.study, bench.trials)
+        synthetic = SyntheticStudy(flow_and_fraction, [number, 5], stops)
+        campaign = synthetic.campaign(goal)
+        inference: Inference = goal.infer(synthetic.study, synthetic.trials)
         posterior = inference.posterior
         density = math.exp(float(inference.log_likelihood(u[None])[0]) - inference._largest)
         in_region.append(density >= posterior.threshold(0.95))
@@ -134,7 +134,7 @@ def coverage(repeats: int, stops: float = 0.0, discrepancy: float = 0.0) -> dict
         draws = posterior.samples(99, rng)
         likelihoods = inference.log_likelihood(np.vstack([u, draws]))
         ranks.append([*(draws < u).sum(axis=0), int((likelihoods[1:] < likelihoods[0]).sum())])
-        runs.append(len(bench.trials))
+        runs.append(len(synthetic.trials))
         shares.append(inference.share)
         widths.append(np.sqrt(np.diag(posterior.covariance) / np.diag(inference.exact.covariance)))
         promises.append("Promise kept" in (campaign.ended or ""))
@@ -173,23 +173,23 @@ def maps(repeats: int, error: float = 0.02) -> dict[str, float]:
     within_error, passed, runs, shares = [], [], [], []
     goal = Map(quantity="flow_rate", error=error, over=KEYS, on=0.95)
     for number in range(repeats):
-        bench = Bench(hopper, [number, 8])
-        scene = bench.study.points[0].scene
+        synthetic = SyntheticStudy(hopper, [number, 8])
+        scene = synthetic.study.points[0].scene
         ends = zip(*(RANGES[key] for key in KEYS), strict=True)
-        bench.study.points = [SimpleNamespace(at=dict(zip(KEYS, end, strict=True)), scene=scene) for end in ends]
-        campaign = bench.campaign(goal)
+        synthetic.study.points = [SimpleNamespace(at=dict(zip(KEYS, end, strict=True)), scene=scene) for end in ends]
+        campaign = synthetic.campaign(goal)
         test_count = len(campaign.generations[-1].assignments)
-        emulator, _, trend = goal.emulator(bench.study, bench.trials[:-test_count])
+        emulator, _, trend = goal.emulator(synthetic.study, synthetic.trials[:-test_count])
         units = sobol(1024, 3, stream=11)
         truth = []
         for u in units:
-            at = {axis.key: float(axis.value(x)) for axis, x in zip(goal.axes(bench.study), u, strict=True)}
+            at = {axis.key: float(axis.value(x)) for axis, x in zip(goal.axes(synthetic.study), u, strict=True)}
             truth.append(math.log(hopper(at)["flow_rate"][0]) - trend.at(at))
         off = np.abs(np.expm1(emulator.at(units)[0] - truth))
         shares.append(float(np.mean(off <= error)))
         within_error.append(shares[-1] >= 0.95)
         passed.append("Promise kept" in (campaign.ended or ""))
-        runs.append(len(bench.trials))
+        runs.append(len(synthetic.trials))
         if number % 20 == 19:
             print(f"{number + 1}: kept {np.sum(within_error)}, runs {np.mean(runs):.0f}", flush=True)
     figures = {"repeats": repeats, "kept": np.sum(within_error), "test passed": np.sum(passed), "runs": np.mean(runs),

@@ -87,7 +87,7 @@ def rows(lab: labbook.Lab, studied: labbook.Study, width: float, until: float) -
             times, left = np.asarray(crossing["time"])[order], np.asarray(crossing["id"])[order]
             at = np.interp(np.array(reached) * grains.count, np.arange(1, len(times) + 1), times)
             parts.append(1e3 * grains.mass * grains.count * np.diff(reached) / np.diff(at))
-            _, packing = read_packing(lab.place.packing(run.packing_key))
+            _, packing = read_packing(lab.lab_folder.packing(run.packing_key))
             shares.append(mobile(packing, left[: round(until * grains.count)], outlet))
             rates.append(1e3 * measured.value)
         yield {

@@ -152,14 +152,14 @@ class Nested:
 
     def _made(self, numbers: Sequence[Number]) -> dict[Number, float]:
         """W of these runs, made now where they are missing."""
-        runner = Runner(self.study, self.lab.place, self._backend, self.lab.device, SAVED, repeats={0: numbers})
+        runner = Runner(self.study, self.lab.lab_folder, self._backend, self.lab.device, SAVED, repeats={0: numbers})
         summary = runner.run()
         self._made_here += len(summary.tally.ran)
         self._stepping += summary.stepping
         if summary.stopped:
             raise SystemExit("stopped: the same command goes on from here")
         keys = {number: self._keys(number)[0] for number in numbers}
-        with closing(Catalogue(self.lab.place)) as catalogue:
+        with closing(Catalogue(self.lab.lab_folder)) as catalogue:
             rates = flow_rates(self.study, catalogue, list(keys.values()))
         return {number: rates[key] for number, key in keys.items() if key in rates}
 
@@ -169,7 +169,7 @@ class Nested:
         return keys.run, keys.packing
 
     def _filling(self, repeat: Repeat) -> float:
-        return filling_cost(self.lab.place, (self._keys(number) for number in repeat.numbers if number[1] == 1))
+        return filling_cost(self.lab.lab_folder, (self._keys(number) for number in repeat.numbers if number[1] == 1))
 
     @property
     def reported(self) -> list[Reported]:
@@ -219,8 +219,8 @@ def cost(study: Study, lab: Lab) -> Cost:
 
 def cost_of(lab: Lab, run_keys: Iterable[str], packing_keys: Iterable[str]) -> Cost:
     """What runs and packings with these keys took."""
-    runs = [RunRecord.read(lab.place.run(key)) for key in run_keys]
-    beds = [PackingRecord.read(lab.place.packing(key)) for key in dict.fromkeys(packing_keys)]
+    runs = [RunRecord.read(lab.lab_folder.run(key)) for key in run_keys]
+    beds = [PackingRecord.read(lab.lab_folder.packing(key)) for key in dict.fromkeys(packing_keys)]
     mean = [np.mean([sum(one.grain_steps for one in record.sessions) for record in kind]) for kind in (runs, beds)]
     return Cost(float(mean[0]), float(mean[1]), float(np.mean([one.wall_time for one in (*runs, *beds)])))
 
@@ -238,7 +238,7 @@ def as_in_papers(study: Study, lab: Lab, usual: float, beds: int) -> Plainly:
     """Make as many runs, each from its own bed of a rain, by the usual step and in double precision."""
     numerics = {"dt": f"{usual!r} s", "stiffness_scale": "1", "precision": "double"}
     plain = with_seeds(study.change({"fill.kind": "rain"}), beds, numerics)
-    summary = Runner(plain, lab.place, load_backend(lab.backend), lab.device, SAVED).run()
+    summary = Runner(plain, lab.lab_folder, load_backend(lab.backend), lab.device, SAVED).run()
     if summary.stopped:
         raise SystemExit("stopped: the same command goes on from here")
     return Plainly(summary.work_done / beds, summary.stepping / beds, pool(rates_of(plain, lab)))

@@ -82,8 +82,8 @@ def measured(grains: int, backend: str, device: str) -> dict[str, Any]:
         report, also = timed("report", str(path), *on)
         made = Lab(lab, backend)
         (done,) = made.results(load(path), False).points[0].runs
-        discharged = RunRecord.read(made.place.run(done.run_key))
-        filled = PackingRecord.read(made.place.packing(discharged.packing_key))
+        discharged = RunRecord.read(made.lab_folder.run(done.run_key))
+        filled = PackingRecord.read(made.lab_folder.packing(discharged.packing_key))
         filling, discharge = filled.wall_time, discharged.wall_time
         steps = sum(one.grain_steps for record in (filled, discharged) for one in record.sessions)
         return {

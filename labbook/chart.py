@@ -84,8 +84,8 @@ class Chart:
         return _LEFT + (value - low) / ((high - low) or 1.0) * (_WIDTH - _LEFT - _RIGHT)
 
     def _y(self, value: float) -> float:
-        part = min(max(value / (self.top or 1.0), 0.0), 1.0)  # what is above the chart ends at its edge
-        return _TOP + (1 - part) * (_HEIGHT - _TOP - _BOTTOM)
+        fraction = min(max(value / (self.top or 1.0), 0.0), 1.0)  # what is above the chart ends at its edge
+        return _TOP + (1 - fraction) * (_HEIGHT - _TOP - _BOTTOM)
 
     def _points(self, pairs: Sequence[tuple[float, float]]) -> str:
         return " ".join(f"{self._x(x):.1f},{self._y(y):.1f}" for x, y in pairs)

@@ -69,16 +69,16 @@ def _swept() -> list[str]:
 
 def _read(text: str) -> tuple[list[_Bracket], str | None]:
     """The brackets that are open at the end of `text`, and the unfinished text in quotes; None outside of quotes."""
-    brackets, last, place = list[_Bracket](), "", 0
-    while place < len(text):
-        letter = text[place]
+    brackets, last, column = list[_Bracket](), "", 0
+    while column < len(text):
+        letter = text[column]
         if letter in "\"'":
-            end = text.find(letter, place + 1)
+            end = text.find(letter, column + 1)
             if end < 0:
-                return brackets, text[place + 1 :]
-            last, place = text[place + 1 : end], end
+                return brackets, text[column + 1 :]
+            last, column = text[column + 1 : end], end
         elif letter in _OPEN:
-            before = re.search(r"([\w.]+)\s*$", text[:place])
+            before = re.search(r"([\w.]+)\s*$", text[:column])
             name = (before[1] if before else "") if letter == "(" else brackets[-1].key if brackets else ""
             brackets.append(_Bracket(letter, name))
         elif letter in _CLOSE and brackets:
@@ -86,11 +86,11 @@ def _read(text: str) -> tuple[list[_Bracket], str | None]:
         elif letter == ":" and brackets:
             brackets[-1].key = last
         elif letter == "=" and brackets:
-            before = re.search(r"(\w+)\s*$", text[:place])
+            before = re.search(r"(\w+)\s*$", text[:column])
             brackets[-1].key = before[1] if before else ""
         elif letter == "," and brackets:
             brackets[-1].key = ""
-        place += 1
+        column += 1
     return brackets, None
 
 

@@ -345,26 +345,26 @@ class Raster:
         else:
             y = _capsule(u, w, grains.half[rows].T[..., None, None], grains.radius[rows][:, None, None])
         hit = np.flatnonzero(np.isfinite(y))
-        place = (line[:, :, None] * self.across + column[:, None, :]).ravel()[hit]
+        pixel = (line[:, :, None] * self.across + column[:, None, :]).ravel()[hit]
         grain = hit // (width * height)
         level = ((y.ravel()[hit] + (centre[:, 1] - start)[grain]) / step).astype(np.int64)
-        np.minimum.at(key, place, (level << 32) + rows[grain])
+        np.minimum.at(key, pixel, (level << 32) + rows[grain])
 
     def lines(self, segments: Sequence[Segment]) -> np.ndarray:
         """Part of each pixel that lines (x, z) [m] of walls cover, shape [down, across]."""
         covered = np.zeros((self.down, self.across), np.float32)
         for segment in segments:
-            rows, columns, part = self._stroke(segment, _LINE)
+            rows, columns, fraction = self._stroke(segment, _LINE)
             box = covered[rows, columns]
-            np.maximum(box, part, out=box)
+            np.maximum(box, fraction, out=box)
         return covered
 
     def draw(self, picture: np.ndarray, strokes: Strokes) -> None:
         """Draw lines into a picture, shape [down, across, 4], of colours times coverage."""
         for ends, width, colour in zip(strokes.ends, strokes.width.tolist(), strokes.colour, strict=True):
-            rows, columns, part = self._stroke(ends.tolist(), width)
+            rows, columns, fraction = self._stroke(ends.tolist(), width)
             box = picture[rows, columns]
-            box += part[..., None] * (np.append(colour, 1).astype(np.float32) - box)
+            box += fraction[..., None] * (np.append(colour, 1).astype(np.float32) - box)
 
     def _stroke(self, segment: Segment, width: float) -> tuple[slice, slice, np.ndarray]:
         """Rows and columns around a line (x, z) [m] of a width in pixels, and how much of each of these pixels it
@@ -377,8 +377,8 @@ class Raster:
         top, low = (int(np.clip(z, 0, down)) for z in (min(z0, z1) - width, max(z0, z1) + width + 1))
         px, pz = np.arange(left, right) + 0.5 - x0, np.arange(top, low)[:, None] + 0.5 - z0
         ax, az = x1 - x0, z1 - z0
-        part = np.clip((px * ax + pz * az) / max(ax * ax + az * az, 1e-12), 0, 1)
-        away = np.hypot(px - part * ax, pz - part * az)
+        fraction = np.clip((px * ax + pz * az) / max(ax * ax + az * az, 1e-12), 0, 1)
+        away = np.hypot(px - fraction * ax, pz - fraction * az)
         return slice(top, low), slice(left, right), np.clip(width / 2 + 0.5 - away, 0, min(width, 1))
 
 

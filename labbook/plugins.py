@@ -107,8 +107,8 @@ class ExtensionError(BrokenPlugin):
 
     def __init__(self, extension: Extension, error: BaseException):
         frame = _frame_of(error, _package_of(extension.module))
-        place = f" ({_place(*frame)})" if frame else ""
-        super().__init__(f"{extension}: {type(error).__name__}: {error}{place}")
+        location = f" ({_location_text(*frame)})" if frame else ""
+        super().__init__(f"{extension}: {type(error).__name__}: {error}{location}")
         self.extension = extension
 
 
@@ -124,8 +124,8 @@ def blamed(error: BaseException) -> ExtensionError | None:
         The error with the name of the extension; None if no code of an extension is in the traceback.
     """
     for package, extensions in _loaded.items():
-        if (place := _frame_of(error, package)) is not None:
-            module = place[0].f_globals.get("__name__")
+        if (location := _frame_of(error, package)) is not None:
+            module = location[0].f_globals.get("__name__")
             of_module = (extension for extension in extensions if extension.module == module)
             return ExtensionError(next(of_module, extensions[0]), error)
     return None
@@ -156,7 +156,7 @@ def _frame_of(error: BaseException, package: str) -> tuple[FrameType, int] | Non
     return innermost
 
 
-def _place(frame: FrameType, line: int) -> str:
+def _location_text(frame: FrameType, line: int) -> str:
     """`bed_extras/viscous.py, line 31`."""
     package, path = _package_of(str(frame.f_globals["__name__"])), Path(frame.f_code.co_filename)
     parts = path.parts[path.parts.index(package) :] if package in path.parts else path.parts[-1:]

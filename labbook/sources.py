@@ -39,10 +39,10 @@ class Source:
         title = f"{self.title}, version {self.version}" if self.version else self.title
         year = "" if self.year is None else str(self.year)
         if self.journal:
-            place = " ".join(filter(None, (self.journal, self.volume, year and f"({year})", self.pages)))
+            journal_text = " ".join(filter(None, (self.journal, self.volume, year and f"({year})", self.pages)))
         else:
-            place = ", ".join(filter(None, (self.publisher, year)))
-        parts = [part if part.endswith(".") else f"{part}." for part in (authors, title, place) if part]
+            journal_text = ", ".join(filter(None, (self.publisher, year)))
+        parts = [part if part.endswith(".") else f"{part}." for part in (authors, title, journal_text) if part]
         return " ".join([*parts, *([f"https://doi.org/{self.doi}"] if self.doi else [])])
 
     @property

@@ -24,8 +24,8 @@ os.environ.pop("COLUMNS", None)  # of the terminal that the suite runs in; pytes
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("untimed")
 
-STAND = re.compile(r"(numba|warp)-(double|mixed)-(cpu|cuda:\d+)")
-"""In the name of a test that is repeated for every stand."""
+PLATFORM = re.compile(r"(numba|warp)-(double|mixed)-(cpu|cuda:\d+)")
+"""In the name of a test that is repeated for every platform."""
 FILES = {
     "numba-double-cpu": (
         *("test_bench_elongation", "test_fields_packing"),
@@ -37,12 +37,12 @@ FILES = {
     ),
     "studies": ("test_api_tutorial", "test_bench_backend", "test_compare_backends"),
 }
-"""Further files that share kernels with one another, or with tests of a stand."""
+"""Further files that share kernels with one another, or with tests of a platform."""
 
 
 def group(test: str) -> str:
     """Name of the group that a test belongs to; of most, the file that they are in."""
-    if found := STAND.search(test):
+    if found := PLATFORM.search(test):
         return found[0]
     for name, files in FILES.items():
         if any(f"/{file}.py" in test for file in files):
@@ -66,9 +66,9 @@ def can_render() -> bool:
 
 
 def pytest_collection_modifyitems(items):
-    """Tests on a stand of a backend compile; tests marked `render` need a Vulkan driver."""
+    """Tests on a platform of a backend compile; tests marked `render` need a Vulkan driver."""
     for item in items:
-        if STAND.search(item.nodeid):
+        if PLATFORM.search(item.nodeid):
             item.add_marker("compiles")
     if can_render():
         return

@@ -29,6 +29,6 @@ OWN = (0, 2, 3, 6, 7)
 def row(values: Mapping[int, float]) -> tuple[float, ...]:
     """Fill the row of a law from its coefficients by place; places without one are 0."""
     numbers = [0.0] * COEFFICIENTS
-    for place, value in values.items():
-        numbers[place] = float(value)
+    for index, value in values.items():
+        numbers[index] = float(value)
     return tuple(numbers)

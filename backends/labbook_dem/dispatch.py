@@ -103,29 +103,29 @@ def functions(kinds: Sequence[str], rods: bool, at: str, looks_first: bool = Fal
         parts += [
             # under a branch, even for a single kind: otherwise a GPU's compiler fuses products and sums of the formula
             # with the code around it, which differs between kernels that must agree bit for bit
-            _function("wall_part", f"{rod}, part: int, {edges}", kinds, "rod", no_part, at, rest=True),
-            _function("wall_edge", "x: wide3, part: int", edged, "edge", nowhere, at, rest=len(edged) < len(kinds)),
+            _function("wall_part", f"{rod}, part: int, {edges}", kinds, "rod", no_part, at, fallback=True),
+            _function("wall_edge", "x: wide3, part: int", edged, "edge", nowhere, at, fallback=len(edged) < len(kinds)),
             _function(
                 "wall_edges", rod, together, "edges", f"{nowhere}, wide(0.0), {nowhere}, wide(0.0)", at,
-                rest=looks_first or len(together) < len(kinds), guard=_NEAR if looks_first else "",
+                fallback=looks_first or len(together) < len(kinds), guard=_NEAR if looks_first else "",
             ),
         ]  # fmt: skip
     return "\n\n".join([f"# written by {__name__}", *parts])
 
 
 def _function(
-    name: str, parameters: str, kinds: Sequence[str], operation: str, default: str, at: str, rest: bool = False,
+    name: str, parameters: str, kinds: Sequence[str], operation: str, default: str, at: str, fallback: bool = False,
     guard: str = "",
 ) -> str:  # fmt: skip
-    """Source of a function that calls `WALL_operation` of a kind, and returns `default` for others if `rest`;
+    """Source of a function that calls `WALL_operation` of a kind, and returns `default` for others if `fallback`;
     guard: see `_call`."""
     lines = ["@func", f"def {name}(walls: Numbers, w: int, kind: int, {parameters}):"]
-    for place, kind in enumerate(reversed(kinds)):
-        last = place == len(kinds) - 1 and not rest
+    for index, kind in enumerate(reversed(kinds)):
+        last = index == len(kinds) - 1 and not fallback
         if not last:
             lines.append(f"    if kind == {number(kind)}:")
         lines += [f"{'    ' if last else '        '}{line}" for line in _call(kind, operation, at, guard)]
-    if not kinds or rest:
+    if not kinds or fallback:
         lines.append(f"    return {default}")
     return "\n".join(lines) + "\n"
 

@@ -57,11 +57,11 @@ def _pairs(scene: Scene, numerics: Numerics, packing: Packing) -> np.ndarray:
         s, t = nearest(between, a[i], a[j], grains.half_length)
         away = between + s[:, None] * a[i] - t[:, None] * a[j]
     elif isinstance(grains, Clumps) and packing.q is not None:
-        levers = np.stack([rotated(packing.q, part.centre) for part in grains.spheres])
-        radii, n = np.array([part.radius for part in grains.spheres]), len(grains.spheres)
+        levers = np.stack([rotated(packing.q, sphere.centre) for sphere in grains.spheres])
+        radii, n = np.array([sphere.radius for sphere in grains.spheres]), len(grains.spheres)
         first, second = np.divmod(np.arange(n * n), n)
         away = (between + levers[first][:, i] - levers[second][:, j]).reshape(-1, 3)
-        own, partner = (np.repeat(radii[places], len(i)) for places in (first, second))
+        own, partner = (np.repeat(radii[indices], len(i)) for indices in (first, second))
         i, j, between = np.tile(i, n * n), np.tile(j, n * n), np.tile(between, (n * n, 1))
     apart = np.linalg.norm(away, axis=1)
     overlap = own + partner - apart
@@ -89,10 +89,10 @@ def _pairs(scene: Scene, numerics: Numerics, packing: Packing) -> np.ndarray:
 
 def _walls(scene: Scene, numerics: Numerics, packing: Packing, time: float):
     """Rows of contacts with walls."""
-    plain, ids, rest = PlainWalls(scene, numerics), packing.ids, np.zeros_like(packing.x)
+    plain, ids, zero = PlainWalls(scene, numerics), packing.ids, np.zeros_like(packing.x)
     assert ids is not None
     plain.move_to(round(time / numerics.dt))
-    grains = PlainGrains.steady(scene.grains, packing, packing.q, rest, rest)
+    grains = PlainGrains.steady(scene.grains, packing, packing.q, zero, zero)
     reach = grains.bodies.radius + scene.grains.overhang
     with choose(scene.contact.law) as law:
         for w, wall in enumerate(plain.walls):

@@ -38,7 +38,7 @@ class Failure:
     message: str
 
 
-class Standing(Readable):
+class MemberState(Readable):
     """State of a member that every backend provides."""
 
     failure: Failure | None
@@ -108,7 +108,7 @@ class Settling:
         return self.beats_below == self.beats
 
 
-R = TypeVar("R", bound=Standing)
+R = TypeVar("R", bound=MemberState)
 
 
 class Ensemble(backend.Ensemble, Generic[R]):
@@ -263,7 +263,7 @@ class Ensemble(backend.Ensemble, Generic[R]):
         }
 
 
-def _check_absent(run: Standing, grains: Packing) -> None:
+def _check_absent(run: MemberState, grains: Packing) -> None:
     """Raise ValueError for grains that have not left."""
     assert grains.ids is not None
     count = run.scene.grains.count
@@ -273,7 +273,7 @@ def _check_absent(run: Standing, grains: Packing) -> None:
         raise ValueError("put_back: some of these grains are still in the scene")
 
 
-def _half_step(run: Standing, grains: Packing) -> np.ndarray:
+def _half_step(run: MemberState, grains: Packing) -> np.ndarray:
     """Velocities [m/s] of returning grains half a step before: they touch nothing, so that only gravity has acted.
 
     The first kick of a run starts at the whole step.
@@ -348,7 +348,7 @@ def explain(guard: str, grain: int, step: int, value: float, scene: Scene, numer
     return f"{where}: {cause}; use a smaller numerics.dt"
 
 
-def places(ascending: np.ndarray, keys: np.ndarray) -> np.ndarray:
+def indices(ascending: np.ndarray, keys: np.ndarray) -> np.ndarray:
     """Index of each key in an ascending array, -1 if it is missing."""
     if not len(ascending):
         return np.full(len(keys), -1)

@@ -93,14 +93,14 @@ def _keep(path: Path, content: bytes) -> None:
 def write(path: Path, content: bytes) -> None:
     """Write a file of the cache atomically, by a rename: readers see the old or the new content, also after a power
     failure."""
-    part = path.with_name(f"{path.name}.{secrets.token_hex(6)}.part")
+    partial = path.with_name(f"{path.name}.{secrets.token_hex(6)}.part")
     try:
-        with open(part, "xb") as file:
+        with open(partial, "xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(part, path)
+        os.replace(partial, path)
     except BaseException:
         with suppress(OSError):
-            os.unlink(part)
+            os.unlink(partial)
         raise

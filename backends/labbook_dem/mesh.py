@@ -43,9 +43,9 @@ FACE, EDGE, VERTEX = 0, 1, 2
 # columns of a condition: a point, a direction, and 1 or -1 for positive or not
 C_POINT, C_ALONG, C_SENSE = 0, 3, 6
 CONDITION_COLUMNS = 7
-# columns of a contact: feature, overlap [m], unit normal, place of its spring, and 1 if the spring is an older one;
+# columns of a contact: feature, overlap [m], unit normal, index of its spring, and 1 if the spring is an older one;
 # of a rod, where on the segment it is [m]
-K_FEATURE, K_OVERLAP, K_NORMAL, K_PLACE, K_OLDER, K_ALONG = 0, 1, 2, 5, 6, 7
+K_FEATURE, K_OVERLAP, K_NORMAL, K_SPRING, K_OLDER, K_ALONG = 0, 1, 2, 5, 6, 7
 CONTACT_ROWS, CONTACT_COLUMNS = 3 * MESH_CONTACTS, 8
 SPHERE_ROWS = 2 * MESH_CONTACTS
 """Rows of contacts that spheres need."""
@@ -186,11 +186,11 @@ def mesh_merged(features: np.ndarray, contacts: np.ndarray, count: int):
     """Unite contacts of smooth patches; how many are left, the deepest first."""
     left = int(0)
     for k in range(count):
-        contacts[k, K_PLACE] = wide(0.0)
+        contacts[k, K_SPRING] = wide(0.0)
     for _ in range(count):
         deepest = int(-1)
         for k in range(count):
-            if contacts[k, K_PLACE] == wide(0.0) and (
+            if contacts[k, K_SPRING] == wide(0.0) and (
                 deepest < 0 or contacts[k, K_OVERLAP] > contacts[max(deepest, 0), K_OVERLAP]
             ):
                 deepest = k
@@ -202,9 +202,9 @@ def mesh_merged(features: np.ndarray, contacts: np.ndarray, count: int):
                 own = mesh_vector(contacts, k, K_NORMAL)
                 unites = patch >= wide(0.0) and features[int(contacts[k, K_FEATURE]), F_PATCH] == patch
                 joins = k == deepest or (unites and dot(own, normal) > wide(0.70710678))
-                if contacts[k, K_PLACE] == wide(0.0) and joins:
+                if contacts[k, K_SPRING] == wide(0.0) and joins:
                     total = total + own * contacts[k, K_OVERLAP]
-                    contacts[k, K_PLACE] = wide(1.0)
+                    contacts[k, K_SPRING] = wide(1.0)
             size = sqrt(dot(total, total))
             mesh_write(
                 contacts, MESH_CONTACTS + left, int(contacts[deepest, K_FEATURE]), contacts[deepest, K_OVERLAP],
@@ -212,7 +212,7 @@ def mesh_merged(features: np.ndarray, contacts: np.ndarray, count: int):
             )  # fmt: skip
             left += 1
     for k in range(left):
-        for column in range(K_PLACE):
+        for column in range(K_SPRING):
             contacts[k, column] = contacts[MESH_CONTACTS + k, column]
     return left
 
@@ -228,46 +228,46 @@ def mesh_meet(features: np.ndarray, f: int, g: int):
 
 
 @func
-def mesh_places(
+def mesh_springs(
     features: np.ndarray, contacts: np.ndarray, count: int, held_bits: int, spring: np.ndarray, base: int
 ):  # fmt: skip
-    """Give each contact the place of its spring among the rows of `spring` from `base` on; which are held now.
+    """Give each contact the index of its spring among the rows of `spring` from `base` on; which are held now.
 
-    held_bits: a bit for each place with a spring, whose feature stands in column SPRING_KEY.
+    held_bits: a bit for each index with a spring, whose feature stands in column SPRING_KEY.
     """
     now = int(0)
     for k in range(count):
-        contacts[k, K_PLACE] = wide(-1.0)
+        contacts[k, K_SPRING] = wide(-1.0)
         contacts[k, K_OLDER] = wide(0.0)
-        place = int(0)
-        while held_bits >> place != 0:
-            if (held_bits >> place) & 1 != 0 and spring[base + place, SPRING_KEY] == contacts[k, K_FEATURE]:
-                contacts[k, K_PLACE] = wide(place)
+        index = int(0)
+        while held_bits >> index != 0:
+            if (held_bits >> index) & 1 != 0 and spring[base + index, SPRING_KEY] == contacts[k, K_FEATURE]:
+                contacts[k, K_SPRING] = wide(index)
                 contacts[k, K_OLDER] = wide(1.0)
-                now = now | (1 << place)
-            place += 1
+                now = now | (1 << index)
+            index += 1
     for k in range(count):
-        if contacts[k, K_PLACE] < wide(0.0):
-            heir = int(-1)
+        if contacts[k, K_SPRING] < wide(0.0):
+            inherited = int(-1)
             ended = held_bits & ~now
-            place = int(0)
-            while ended >> place != 0:
-                if (ended >> place) & 1 != 0:
-                    older = spring[base + place, SPRING_KEY]
+            index = int(0)
+            while ended >> index != 0:
+                if (ended >> index) & 1 != 0:
+                    older = spring[base + index, SPRING_KEY]
                     met = mesh_meet(features, int(contacts[k, K_FEATURE]), int(older))
-                    if met and (heir < 0 or older < spring[base + max(heir, 0), SPRING_KEY]):
-                        heir = int(place)
-                place += 1
-            if heir >= 0:
-                contacts[k, K_PLACE] = wide(heir)
+                    if met and (inherited < 0 or older < spring[base + max(inherited, 0), SPRING_KEY]):
+                        inherited = int(index)
+                index += 1
+            if inherited >= 0:
+                contacts[k, K_SPRING] = wide(inherited)
                 contacts[k, K_OLDER] = wide(1.0)
-                now = now | (1 << heir)
+                now = now | (1 << inherited)
     for k in range(count):
-        if contacts[k, K_PLACE] < wide(0.0):
+        if contacts[k, K_SPRING] < wide(0.0):
             free = int(0)
             while (now >> free) & 1 != 0:
                 free += 1
-            contacts[k, K_PLACE] = wide(free)
+            contacts[k, K_SPRING] = wide(free)
             now = now | (1 << free)
     return now
 
@@ -381,7 +381,7 @@ def mesh_table(shape: TriangleMesh) -> MeshTable:
 def _inward(surface: Triangles, along: np.ndarray) -> np.ndarray:
     """Of side s of triangle k, the unit vector within it, perpendicular to that side and into it, shape [m, 3, 3]."""
     edges, of = surface.edges
-    opposite = surface.places - surface.vertices[edges[of, 0]]
+    opposite = surface.corner_positions - surface.vertices[edges[of, 0]]
     l = along[of]
     t = opposite - np.einsum("msk,msk->ms", opposite, l)[..., None] * l
     return t / np.linalg.norm(t, axis=2)[..., None]
@@ -392,7 +392,7 @@ def _slack(surface: Triangles) -> np.ndarray:
 
     At a corner of angle a, conditions that hold within w reach w / sin(a/2) beyond it: at most 1e-3 R with this part.
     """
-    sides = np.roll(surface.places, -1, axis=1) - surface.places
+    sides = np.roll(surface.corner_positions, -1, axis=1) - surface.corner_positions
     back = -np.roll(sides, 1, axis=1)
     across, along = np.linalg.norm(np.cross(sides, back), axis=2), np.einsum("msk,msk->ms", sides, back)
     sharpest = np.arctan2(across, along).min(axis=1)
@@ -468,9 +468,9 @@ class PlainMesh:
             raise TooManyContacts(TOO_MANY)
         springs = np.zeros((MESH_CONTACTS, SPRING_KEY + 1))
         springs[: len(features), SPRING_KEY] = features
-        mesh_places(self.table.features, self._contacts, count, (1 << len(features)) - 1, springs, 0)
+        mesh_springs(self.table.features, self._contacts, count, (1 << len(features)) - 1, springs, 0)
         for row in self._contacts[:count]:
-            older = features[int(row[K_PLACE])] if row[K_OLDER] else None
+            older = features[int(row[K_SPRING])] if row[K_OLDER] else None
             normal = wide3(*row[K_NORMAL : K_NORMAL + 3].tolist())
             yield int(row[K_FEATURE]), radius - float(row[K_OVERLAP]), normal, float(row[K_ALONG]), older
 

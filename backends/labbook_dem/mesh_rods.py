@@ -31,7 +31,7 @@ from labbook_dem.mesh import (
     K_FEATURE,
     K_NORMAL,
     K_OVERLAP,
-    K_PLACE,
+    K_SPRING,
     MESH_CONTACTS,
     OVER,
     MeshTable,
@@ -165,7 +165,7 @@ def mesh_rod_contacts(
             count += 1
     for k in range(count):
         row = CONTACT_ROWS - MESH_CONTACTS + k
-        for column in range(K_PLACE):
+        for column in range(K_SPRING):
             contacts[k, column] = contacts[row, column]
         contacts[k, K_ALONG] = contacts[row, K_ALONG]
     ends = int(count)
@@ -173,7 +173,7 @@ def mesh_rod_contacts(
         f = int(near[n])
         if int(features[f, F_KIND]) != FACE and half > wide(0.0):
             s, overlap, normal = mesh_between(features, conditions, f, x, a, half, radius, contacts, ends)
-            place = int(count)
+            target = int(count)
             if overlap > wide(0.0):
                 for k in range(ends, count):
                     there = a * contacts[k, K_ALONG] - mesh_vector(contacts, k, K_NORMAL) * (
@@ -181,13 +181,13 @@ def mesh_rod_contacts(
                     )
                     apart = there - (a * s - normal * (radius - overlap))
                     if dot(apart, apart) < wide(1e-6) * radius * radius:
-                        place = k
-                if place == MESH_CONTACTS:
+                        target = k
+                if target == MESH_CONTACTS:
                     return OVER
-                if place == count or overlap > contacts[place, K_OVERLAP]:
-                    mesh_write(contacts, place, f + BETWEEN, overlap, normal)
-                    contacts[place, K_ALONG] = s
-                count = max(count, place + 1)
+                if target == count or overlap > contacts[target, K_OVERLAP]:
+                    mesh_write(contacts, target, f + BETWEEN, overlap, normal)
+                    contacts[target, K_ALONG] = s
+                count = max(count, target + 1)
     return count
 
 

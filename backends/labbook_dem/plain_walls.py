@@ -43,7 +43,7 @@ class Lever(NamedTuple):
 
 class GrainState(NamedTuple):
     """One grain. x [m]; axis: of a rod; velocities [m/s] v half a step before and u predicted; spins [rad/s] likewise,
-    `spin` and `soon`; inertia [kg m^2]: the smallest moment; spheres: of a clump."""
+    `spin` and `predicted_spin`; inertia [kg m^2]: the smallest moment; spheres: of a clump."""
 
     name: int
     x: vec3
@@ -51,7 +51,7 @@ class GrainState(NamedTuple):
     u: vec3
     v: vec3
     spin: vec3
-    soon: vec3
+    predicted_spin: vec3
     radius: float
     mass: float
     inertia: float
@@ -72,7 +72,7 @@ class PlainGrains(NamedTuple):
         u: predicted velocities [m/s], shape [n, 3].
         v: velocities half a step before [m/s], shape [n, 3].
         spin: angular velocities half a step before [rad/s], shape [n, 3].
-        soon: predicted ones [rad/s], shape [n, 3].
+        predicted_spin: predicted ones [rad/s], shape [n, 3].
     """
 
     grains: Grains
@@ -84,7 +84,7 @@ class PlainGrains(NamedTuple):
     u: np.ndarray
     v: np.ndarray
     spin: np.ndarray
-    soon: np.ndarray
+    predicted_spin: np.ndarray
 
     @classmethod
     def steady(
@@ -99,7 +99,7 @@ class PlainGrains(NamedTuple):
     def state(self, i: int) -> GrainState:
         """Grain in row i."""
         bodies, grains = self.bodies, self.grains
-        vectors = (self.x, self.axis, self.u, self.v, self.spin, self.soon)
+        vectors = (self.x, self.axis, self.u, self.v, self.spin, self.predicted_spin)
         x, axis, u, v, w, y = (vec3(*array[i].tolist()) for array in vectors)
         inertia = grains.inertia_axis if grains.oriented else float(bodies.inertia[i])
         properties = float(bodies.radius[i]), float(bodies.mass[i]), inertia, int(bodies.kind[i])
@@ -170,7 +170,7 @@ class PartFrame:
         x, y, z = self._rows
         return x * v.x + y * v.y + z * v.z
 
-    def place(self, x: wide3) -> wide3:
+    def point_inwards(self, x: wide3) -> wide3:
         """A point in space, in the frame of the part."""
         return self.inwards(x - self._shift)
 
@@ -183,7 +183,7 @@ class PartFrame:
         grain and wall went since the last step. At the opening velocities are of that time."""
         if self._before is None:
             return self.speed(x)
-        there = self._before.outwards(self.place(x)) + self._before._shift
+        there = self._before.outwards(self.point_inwards(x)) + self._before._shift
         return (x - there) * (1.0 / self._dt)
 
 
@@ -224,18 +224,18 @@ class PlainWalls:
         plain = self.plain[w]
         if isinstance(plain, PlainMesh):
             touched = sorted(key[2] for key in springs if len(key) == 3 and key[:2] == (grain.name, w))
-            met, heirs = {}, {}
+            met, sources = {}, {}
             for part, touching, older in self._at_mesh(plain, grain, touched, self.frames.get(w)):
-                met[part], heirs[part] = touching, NEW if older is None else older
+                met[part], sources[part] = touching, NEW if older is None else older
         elif grain.spheres:
             met = dict(self._met(plain, grain))
-            heirs = {part: part for part in met}
+            sources = {part: part for part in met}
         else:
             met = dict(self._met(plain, grain))
             was = sum(1 << part for part in range(PARTS) if (grain.name, w, part) in springs)
             now = sum(1 << part for part in met)
-            heirs = {part: rods.heir(part, was, now) for part in met}
-        yield from self._acting(w, grain, met, heirs, springs, rolling)
+            sources = {part: rods.spring_source(part, was, now) for part in met}
+        yield from self._acting(w, grain, met, sources, springs, rolling)
 
     def _at_mesh(
         self, plain: PlainMesh, grain: GrainState, touched: list[int], frame: PartFrame | None
@@ -246,7 +246,7 @@ class PlainWalls:
         """
 
         def inwards(x: vec3) -> vec3:
-            return x if frame is None else frame.place(x)
+            return x if frame is None else frame.point_inwards(x)
 
         def outwards(normal: vec3) -> vec3:
             return normal if frame is None else frame.outwards(normal)
@@ -257,12 +257,12 @@ class PlainWalls:
             contacts = plain.rod_contacts(inwards(grain.x), axis, grains.half_length, grain.radius, touched)
             for feature, distance, normal, s, older in contacts:
                 yield feature, PartAtWall(distance, outwards(normal), grain.axis * s, grain.radius), older
-        for place, (lever, radius) in enumerate(grain.spheres):
-            own = [part // MOST_SPHERES for part in touched if part % MOST_SPHERES == place]
+        for index, (lever, radius) in enumerate(grain.spheres):
+            own = [part // MOST_SPHERES for part in touched if part % MOST_SPHERES == index]
             for feature, distance, normal, older in plain.contacts(inwards(grain.x + lever), radius, own):
                 touching = PartAtWall(distance, outwards(normal), lever, radius)
-                older_part = None if older is None else MOST_SPHERES * older + place
-                yield MOST_SPHERES * feature + place, touching, older_part
+                older_part = None if older is None else MOST_SPHERES * older + index
+                yield MOST_SPHERES * feature + index, touching, older_part
         if not grains.oriented:
             for feature, distance, normal, older in plain.contacts(inwards(grain.x), grain.radius, touched):
                 yield feature, PartAtWall(distance, outwards(normal), NONE, grain.radius), older
@@ -283,10 +283,10 @@ class PlainWalls:
                 yield part, PartAtWall(distance, normal, lever, radius)
 
     def _acting(
-        self, w: int, grain: GrainState, met: Mapping[int, PartAtWall], heirs: Mapping[int, int],
+        self, w: int, grain: GrainState, met: Mapping[int, PartAtWall], sources: Mapping[int, int],
         springs: Mapping[Key, vec3], rolling: Mapping[Key, vec3],
     ) -> Iterator[WallContact]:  # fmt: skip
-        """Contacts of a grain with wall w at the parts `met`; heirs: of each, the part whose spring it goes on with."""
+        """Contacts of a grain with wall w at the parts `met`; sources: of each, the part whose spring it inherits."""
         if not met:
             return
         wall = self.walls[w]
@@ -295,7 +295,7 @@ class PlainWalls:
         frame = self.frames.get(w)
         rate, dt = rolling_rate(grain.inertia, self.numerics.dt), self.numerics.dt
         for part, (distance, normal, lever, radius) in met.items():
-            key = name, w, heirs[part]
+            key = name, w, sources[part]
             last, advance = (springs[key], dt) if key in springs else (NONE, 0.5 * dt)  # a new one began in the step
             branch = lever - normal * distance
             at = grain.x + branch
@@ -309,8 +309,9 @@ class PlainWalls:
             overlap, mass, turned = radius - distance, grain.mass, None
             if self.grains.oriented:  # an end of a rod and a sphere of a clump are spheres on levers
                 force, torque, spring = rods.rod_on_wall(
-                    c, radius, mass, overlap, normal, lever, u, v, grain.soon, grain.spin, about, last, advance, rate
-                )
+                    c, radius, mass, overlap, normal, lever, u, v, grain.predicted_spin, grain.spin, about, last,
+                    advance, rate,
+                )  # fmt: skip
             else:
                 force, torque, spring = spheres.sphere_on_wall(
                     c, radius, mass, overlap, normal, u, v, grain.spin, about, last, advance, rate
@@ -340,7 +341,7 @@ def at_rest(scene: Scene, numerics: Numerics, packing: Packing, probe: Traction)
     """Rows of `probe` for a packing in `scene`, before any step; `member`, `step` and `time` are 0."""
     plain, table = PlainWalls(scene, numerics), BinTable.of(scene, probe)
     sums = np.zeros((table.total, SUMS), np.int64)
-    places = {wall.name: w for w, wall in enumerate(plain.walls)}
+    index_of_wall = {wall.name: w for w, wall in enumerate(plain.walls)}
     q = None if packing.q is None else packing.q / np.linalg.norm(packing.q, axis=1)[:, None]
     spin = rotation.spins(scene.grains, rotation.momenta(scene.grains, packing.omega, q), q)
     grains = PlainGrains.steady(scene.grains, packing, q, packing.v, spin)
@@ -350,8 +351,8 @@ def at_rest(scene: Scene, numerics: Numerics, packing: Packing, probe: Traction)
     springs: dict[Key, vec3] = {}
     rolling: dict[Key, vec3] = {}
     for row, (i, name, part) in enumerate(zip(packing.wall_grain, packing.wall_name, packing.wall_part, strict=True)):
-        if str(name) in places:
-            key = int(packing.ids[i]), places[str(name)], int(part)
+        if str(name) in index_of_wall:
+            key = int(packing.ids[i]), index_of_wall[str(name)], int(part)
             springs[key] = vec3(*packing.wall_spring[row].tolist())
             rolling[key] = vec3(*of_walls[row].tolist())
     law = scene.contact

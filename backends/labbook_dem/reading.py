@@ -148,24 +148,26 @@ class Readable(ABC):
         """Return sums over its contacts with walls, integers by bin; see `labbook_dem.traction`."""
 
     @abstractmethod
-    def counted(self) -> Mapping[str, float]:
+    def accumulated(self) -> Mapping[str, float]:
         """Return `work` of contacts in all kicks so far [J], and the columns of `Ledger` that are counted during steps:
         max_overlap, touching, rebuilds."""
 
     def totals(self) -> Mapping[str, float]:
         """Return the columns of `Ledger`."""
-        now, counted = self.look(), dict(self.counted())
-        halves, work = (now.v_half, now.m_half, self.since_half), counted.pop("work")
+        now, accumulated = self.look(), dict(self.accumulated())
+        halves, work = (now.v_half, now.m_half, self.since_half), accumulated.pop("work")
         energies = totals(self.scene, now.x, now.v, now.m, *halves, work, now.q, now.bodies)
-        return {"grains": len(now.ids), **energies, **counted}
+        return {"grains": len(now.ids), **energies, **accumulated}
 
     def above(self, planes: Sequence[float]) -> Mapping[str, np.ndarray]:
         """Return the columns of `Above`; sums of masses are exact, so that the order of grains decides no bit."""
         now = self.look(moving=False)
-        over = [now.x[:, 2] > plane for plane in planes]
-        grains = np.array([int(selected.sum()) for selected in over])
+        is_above = [now.x[:, 2] > plane for plane in planes]
+        grains = np.array([int(selected.sum()) for selected in is_above])
         equal = grains * self.scene.grains.mass
-        mass = equal if now.bodies is None else np.array([math.fsum(now.bodies.mass[selected]) for selected in over])
+        mass = (
+            equal if now.bodies is None else np.array([math.fsum(now.bodies.mass[selected]) for selected in is_above])
+        )
         return {"plane": np.arange(len(planes)), "grains": grains, "mass": mass}
 
     def powers(self) -> Mapping[str, float]:
@@ -204,7 +206,7 @@ def read(members: Mapping[int, Readable], steps_per_beat: int) -> Mapping[Probe,
         for probe in member.probes:
             if due(probe, member.step // steps_per_beat):
                 due_of.setdefault(probe, {})[number] = member
-    tables = {probe: _table(probe, _parts(probe, readers)) for probe, readers in due_of.items()}
+    tables = {probe: _table(probe, _snapshots(probe, readers)) for probe, readers in due_of.items()}
     for member in members.values():
         member.frames.clear()
     return tables
@@ -226,7 +228,7 @@ def _is_due(probe: Probe, member: Readable, steps_per_beat: int) -> bool:
     return due(probe, member.step // steps_per_beat)
 
 
-def _parts(probe: Probe, members: Mapping[int, Readable]) -> list[tuple[int, Snapshot]]:
+def _snapshots(probe: Probe, members: Mapping[int, Readable]) -> list[tuple[int, Snapshot]]:
     """Snapshots of a probe with the numbers of their members: one a member, or one a frame."""
     if isinstance(probe, Film):
         return [
@@ -240,23 +242,23 @@ def _parts(probe: Probe, members: Mapping[int, Readable]) -> list[tuple[int, Sna
     ]
 
 
-def _table(probe: Probe, parts: Sequence[tuple[int, Snapshot]]) -> Table:
+def _table(probe: Probe, snapshots: Sequence[tuple[int, Snapshot]]) -> Table:
     """Rows of a probe, snapshot after snapshot.
 
     Columns are made for all snapshots together: there may be a hundred members, each with few rows of two dozen
     columns.
     """
-    if not parts:
+    if not snapshots:
         return {"member": np.zeros(0, np.int64)}
-    sizes = [len(next(iter(snapshot.rows.values()))) for _, snapshot in parts]
-    table = {"member": np.repeat(np.array([number for number, _ in parts], np.int64), sizes)}
+    sizes = [len(next(iter(snapshot.rows.values()))) for _, snapshot in snapshots]
+    table = {"member": np.repeat(np.array([number for number, _ in snapshots], np.int64), sizes)}
     if not isinstance(probe, Crossing):  # each of its rows has a time of its own
-        table["step"] = np.repeat(np.array([snapshot.step for _, snapshot in parts], np.int64), sizes)
-        table["time"] = np.repeat(np.array([snapshot.time for _, snapshot in parts]), sizes)
-    names = parts[0][1].rows
+        table["step"] = np.repeat(np.array([snapshot.step for _, snapshot in snapshots], np.int64), sizes)
+        table["time"] = np.repeat(np.array([snapshot.time for _, snapshot in snapshots]), sizes)
+    names = snapshots[0][1].rows
     return {
         **table,
-        **_columns(probe, {name: np.concatenate([snapshot.rows[name] for _, snapshot in parts]) for name in names}),
+        **_columns(probe, {name: np.concatenate([snapshot.rows[name] for _, snapshot in snapshots]) for name in names}),
     }
 
 

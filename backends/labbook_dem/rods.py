@@ -31,12 +31,12 @@ def rod_on_rod(
     reach = half * r
     u = u + (cross(pi, lever_i) - cross(pj, lever_j))
     v = v + (cross(wi, lever_i) - cross(wj, lever_j))
-    force, arm, roll, spring = touch(
+    force, unit_torque, roll, spring = touch(
         c, half * radius, half * mass, radius, delta, away * (real(1.0) / r), u, v, (wi + wj) * reach, wi - wj,
         s, dt, inertia_rate,
     )  # fmt: skip
-    arm = arm * reach
-    return force, roll - arm + cross(lever_i, force), -roll - arm - cross(lever_j, force), spring, delta
+    unit_torque = unit_torque * reach
+    return force, roll - unit_torque + cross(lever_i, force), -roll - unit_torque - cross(lever_j, force), spring, delta
 
 
 @func
@@ -49,11 +49,11 @@ def rod_on_wall(
     u, v: velocities of the centre relative to the wall at the contact; p, w: spins; predicted and half a step old.
     """
     reach = radius - delta
-    force, arm, roll, spring = touch(
+    force, unit_torque, roll, spring = touch(
         c, radius, mass, radius, delta, n, u + cross(p, lever), v + cross(w, lever), w * reach, w - spin,
         s, dt, inertia_rate,
     )  # fmt: skip
-    return force, roll - arm * reach + cross(lever, force), spring
+    return force, roll - unit_torque * reach + cross(lever, force), spring
 
 
 @func
@@ -63,7 +63,7 @@ def has(parts: int, part: int):
 
 
 @func
-def heir(part: int, touched: int, touches: int):
+def spring_source(part: int, touched: int, touches: int):
     """Part whose spring `part` inherits: its own, that of a part that ended as it began, or -1 for none.
 
     touched, touches: masks of the parts that touched at the last step and that touch now. No spring goes to two parts:

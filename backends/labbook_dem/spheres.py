@@ -15,7 +15,7 @@ def touch(
     c: coefs, rs: real, ms: real, radius: real, delta: real, n: vec3, u: vec3, v: vec3, surface: vec3, turn: vec3,
     s: vec3, dt: real, inertia_rate: real,
 ):  # fmt: skip
-    """Force on i [N], its arm n x f_t, rolling torque on i [N m], and spring [m] of a contact.
+    """Force on i [N], its torque n x f_t on a lever of 1 m, rolling torque on i [N m], and spring [m] of a contact.
 
     rs, ms: effective radius [m] and mass [kg]; radius: lever of rolling resistance [m]. u, v: relative velocities,
     predicted and half a step old [m/s]. surface: sum of lever times spin [m/s]; turn: difference of the spins [rad/s].
@@ -27,17 +27,17 @@ def touch(
         vt = slip(n, v, surface)
         fn, ft, spring = respond(c, rs, ms, delta, vn, trial(s, n, vt, dt), vt)
         force = n * fn + ft
-        arm = cross(n, ft)
+        unit_torque = cross(n, ft)
     else:
         fn = normal(c, rs, ms, delta, vn)
         force = n * fn
-        arm = vec3(zero, zero, zero)
-        spring = arm
+        unit_torque = vec3(zero, zero, zero)
+        spring = unit_torque
     if ROLLING:
         roll = rolling(turn, n, c[MU_R] * radius * abs(fn), inertia_rate, TWIST)
     else:
         roll = vec3(zero, zero, zero)
-    return force, arm, roll, spring
+    return force, unit_torque, roll, spring
 
 
 @func
@@ -73,11 +73,11 @@ def sphere_on_sphere(
         lever_i = lever + offset
         lever_j = lever - offset
         surface = surface + (wi - wj) * offset
-    force, arm, roll, spring = touch(
+    force, unit_torque, roll, spring = touch(
         c, effective(ri, rj), effective(mi, mj), min(ri, rj), delta, away * per_r, u, v, surface, wi - wj,
         s, dt, min(rate_i, rate_j),
     )  # fmt: skip
-    return force, roll - arm * lever_i, -roll - arm * lever_j, spring, delta
+    return force, roll - unit_torque * lever_i, -roll - unit_torque * lever_j, spring, delta
 
 
 @func
@@ -87,10 +87,10 @@ def sphere_on_wall(
 ):  # fmt: skip
     """Force and torque on a sphere, and spring, at a wall with unit normal n that turns with `spin` [rad/s]."""
     lever = radius - delta
-    force, arm, roll, spring = touch(
+    force, unit_torque, roll, spring = touch(
         c, radius, mass, radius, delta, n, u, v, w * lever, w - spin, s, dt, inertia_rate
     )  # fmt: skip
-    return force, roll - arm * lever, spring
+    return force, roll - unit_torque * lever, spring
 
 
 @func

@@ -31,8 +31,8 @@ def bin_of(coordinate: int, low: wide, per_size: wide, count: int, point: wide3)
     radius = sqrt(point.x * point.x + point.y * point.y)
     at = point.z if coordinate == HEIGHT else (radius if coordinate == RADIUS else point.x)
     # the upper end belongs to the last bin; what lies outside counts in the nearest one
-    place = min(max((at - low) * per_size, wide(0.0)), wide(count) - wide(0.5))
-    return int(place)
+    position = min(max((at - low) * per_size, wide(0.0)), wide(count) - wide(0.5))
+    return int(position)
 
 
 @func
@@ -63,11 +63,11 @@ def components(coordinate: int, force: wide3, normal: wide3, point: wide3):
 
 
 @func
-def slides(force: wide3, normal: wide3, friction: wide, part: wide):
-    """1 if the tangential force is above a `part` of the Coulomb limit, else 0."""
+def slides(force: wide3, normal: wide3, friction: wide, fraction: wide):
+    """1 if the tangential force is above a `fraction` of the Coulomb limit, else 0."""
     pressed = dot(force, normal)
     tangential = force - normal * pressed
-    limit = part * friction * pressed
+    limit = fraction * friction * pressed
     return 1 if limit > wide(0.0) and dot(tangential, tangential) > limit * limit else 0
 
 

@@ -47,8 +47,8 @@ from labbook_numba.kernels import (
 from labbook_numba.kernels import features as vocabulary
 from labbook_numba.shapes import SHAPES
 
-PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "ROLL", "BODY")
-PLACES += ("X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
+INDICES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "ROLL", "BODY")
+INDICES += ("X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
 
 BEFORE = (cells, blocks, bodies, transfer)
 AFTER = (pairs, near, move, neighbours, meet, step, observe, traction)
@@ -81,11 +81,11 @@ def module_text(spec: Spec) -> str:
     layout = layout.with_meshes() if spec.feature("MESHES") else layout
     # places and return codes, shared by host and kernels; indices are unsigned, see `_Unsigned`
     shared = _numbers(state) | layout._asdict()
-    places = {name: value for module in (blocks, *shape_kernels.kernels) for name, value in _numbers(module).items()}
-    places |= {name: shared[name] for name in PLACES}
+    indices = {name: value for module in (blocks, *shape_kernels.kernels) for name, value in _numbers(module).items()}
+    indices |= {name: shared[name] for name in INDICES}
     numbers_by_name: dict[str, object] = {**_numbers(vocabulary), **shared, **constants(spec)}
     numbers_by_name |= {
-        name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in numbers_by_name
+        name: _Unsigned(value) for name, value in indices.items() if name in INDICES or name not in numbers_by_name
     }
     del numbers_by_name["LANES"]  # the header's
     physics = [

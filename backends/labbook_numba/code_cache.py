@@ -34,8 +34,10 @@ def cached(**options: Any) -> Callable[[Callable], Any]:
 class _Cache(FunctionCache):
     def __init__(self, function: Callable):
         super().__init__(function)
-        place: Any = self._impl
-        self._cache_file = _Files(self._cache_path, place.filename_base, place.locator.get_source_stamp())
+        implementation: Any = self._impl
+        self._cache_file = _Files(
+            self._cache_path, implementation.filename_base, implementation.locator.get_source_stamp()
+        )
 
 
 class _Files(IndexDataCacheFile):

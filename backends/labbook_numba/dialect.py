@@ -17,7 +17,7 @@ from labbook_numba.lanes import eight_at, put, put_row, row_at, spread, square
 from labbook_numba.meeting import arrive, arrived, give_way
 from labbook_numba.rows import add_rows, add_two_rows, columns, put_rows, rows, rows_at
 from labbook_numba.squeeze import (
-    both, exchange, first_of, how_many, positive, squeeze, squeeze_numbers, squeeze_places
+    both, exchange, first_of, how_many, positive, squeeze, squeeze_numbers, squeeze_indices
 )
 from labbook_numba.vector import vec3d, vec3f
 

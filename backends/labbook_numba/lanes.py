@@ -104,10 +104,10 @@ class _MinusRows(ConcreteTemplate):
 # memory; places are counted in elements of a C-contiguous array
 
 
-def address(context, builder, kind, array, place, llvm: ir.Type):
-    """Pointer of type `llvm` to element `place` of an array."""
+def address(context, builder, kind, array, element, llvm: ir.Type):
+    """Pointer of type `llvm` to element `element` of an array."""
     data = context.make_array(kind)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [place]), llvm.as_pointer())
+    return builder.bitcast(builder.gep(data, [element]), llvm.as_pointer())
 
 
 def size_of(kind) -> int:
@@ -115,8 +115,8 @@ def size_of(kind) -> int:
 
 
 @intrinsic
-def row_at(typing, array, place):
-    """Load four doubles of `array` from `place` on."""
+def row_at(typing, array, element):
+    """Load four doubles of `array` from `element` on."""
 
     def code(context, builder, sig, args):
         return builder.load(address(context, builder, sig.args[0], *args, llvm=FOUR), align=8)
@@ -125,8 +125,8 @@ def row_at(typing, array, place):
 
 
 @intrinsic
-def put_row(typing, array, place, value):
-    """Store a row in `array` from `place` on."""
+def put_row(typing, array, element, value):
+    """Store a row in `array` from `element` on."""
 
     def code(context, builder, sig, args):
         builder.store(args[2], address(context, builder, sig.args[0], *args[:2], llvm=FOUR), align=8)
@@ -148,8 +148,8 @@ def square(typing, value):
 
 
 @intrinsic
-def put(typing, array, place, value):
-    """Store eight numbers in `array` from `place` on, rounded to its type."""
+def put(typing, array, element, value):
+    """Store eight numbers in `array` from `element` on, rounded to its type."""
 
     def code(context, builder, sig, args):
         kind, vector = sig.args[0], args[2]
@@ -163,8 +163,8 @@ def put(typing, array, place, value):
 
 
 @intrinsic
-def eight_at(typing, array, place):
-    """Load eight numbers of `array` from `place` on, in double precision."""
+def eight_at(typing, array, element):
+    """Load eight numbers of `array` from `element` on, in double precision."""
 
     def code(context, builder, sig, args):
         kind = sig.args[0]

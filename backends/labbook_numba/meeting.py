@@ -16,9 +16,9 @@ def arrive(typing, meetings):
     """Add an arrival to meetings[0] (int64) atomically; return the number before."""
 
     def code(context, builder, sig, args):
-        place = address(context, builder, sig.args[0], args[0], INT64(0), INT64)
+        counter = address(context, builder, sig.args[0], args[0], INT64(0), INT64)
         # sequentially consistent: stores before an arrival are visible to those who read the counter
-        return builder.atomic_rmw("add", place, INT64(1), "seq_cst")
+        return builder.atomic_rmw("add", counter, INT64(1), "seq_cst")
 
     return types.int64(meetings), code
 
@@ -28,8 +28,8 @@ def arrived(typing, meetings):
     """Number of arrivals. What a thread wrote before its arrival can be read after this (sequential consistency)."""
 
     def code(context, builder, sig, args):
-        place = address(context, builder, sig.args[0], args[0], INT64(0), INT64)
-        return builder.load_atomic(place, "seq_cst", 8)
+        counter = address(context, builder, sig.args[0], args[0], INT64(0), INT64)
+        return builder.load_atomic(counter, "seq_cst", 8)
 
     return types.int64(meetings), code
 

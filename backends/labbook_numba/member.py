@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import ModuleType
 
 import numpy as np
-from labbook_dem.ensemble import NOT_RECORDED, Failure, Standing, check_checkpoint, explain, places
+from labbook_dem.ensemble import NOT_RECORDED, Failure, MemberState, check_checkpoint, explain, indices
 from labbook_dem.features import has_meshes, is_oriented, pose_table, rolling_springs
 from labbook_dem.mesh import SPRING_KEY, spring_places
 from labbook_dem.mesh_grid import first_features, shapes_of
@@ -26,7 +26,7 @@ PAIRS_PER_GRAIN, WALLS_PER_GRAIN = 6, 3  # initial capacities; arrays grow after
 GUARDS = {2: "state", 3: "speed", 4: "overlap"}
 
 
-class Run(Standing):
+class Run(MemberState):
     """Scene that compiled kernels step."""
 
     def __init__(self, can: Capabilities, kernels: ModuleType, scene: Scene, numerics: Numerics, probes):
@@ -73,7 +73,7 @@ class Run(Standing):
 
     def _set_springs(self, packing: Packing) -> None:
         st, pairs = self.state, int(self.state.count[S.PAIRS])
-        index = places(_keys(st.pair_i[:pairs], st.pair_j[:pairs]), _keys(*packing.pairs.T))
+        index = indices(_keys(st.pair_i[:pairs], st.pair_j[:pairs]), _keys(*packing.pairs.T))
         listed = index >= 0
         st.spring[index[listed], :3] = packing.pair_spring[listed]
         pair_rolling, wall_rolling = packing.rolling
@@ -83,7 +83,7 @@ class Run(Standing):
         for w, name in enumerate(self.names):
             first, last = st.wall_first[w], st.wall_first[w + 1]
             of_wall = packing.wall_name == name
-            index = places(st.wall_grain[first:last], packing.wall_grain[of_wall])
+            index = indices(st.wall_grain[first:last], packing.wall_grain[of_wall])
             listed = index >= 0
             entry, part = first + index[listed], packing.wall_part[of_wall][listed]
             first_feature, next_feature = self._first_feature[w : w + 2]
@@ -243,7 +243,7 @@ class Run(Standing):
             self._fresh_lists()
         return now
 
-    def counted(self) -> Mapping[str, float]:
+    def accumulated(self) -> Mapping[str, float]:
         """See `labbook_dem.reading.Readable`."""
         sums, count = self.state.sums, self.state.count
         counters = {"touching": int(count[S.TOUCHING]), "rebuilds": int(count[S.REBUILDS])}
@@ -312,7 +312,7 @@ class Run(Standing):
         return self.state.ids[: self.grains]
 
     def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
-        """Insert grains in rows behind the others; see `Standing`."""
+        """Insert grains in rows behind the others; see `MemberState`."""
         self._drop_leavers()  # first: it frees their rows, and moves other grains
         first, last = self.grains, self.grains + len(grains)
         if last > len(self.state.ids):
@@ -337,7 +337,7 @@ class Run(Standing):
         self.state = new._replace(**shared)
 
     def set_velocities(self, ids: np.ndarray, v: np.ndarray) -> None:
-        """See `Standing`."""
+        """See `MemberState`."""
         st, present = self.state, self.state.ids[: self.grains]
         order = np.argsort(present)
         rows = order[np.searchsorted(present, ids, sorter=order)]

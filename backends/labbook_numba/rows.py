@@ -15,7 +15,7 @@ LOW, HIGH = (0, 8, 2, 10, 4, 12, 6, 14), (1, 9, 3, 11, 5, 13, 7, 15)
 FIRST, SECOND = (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15)
 
 
-def _places(context, builder, kind, index, start, width):
+def _elements(context, builder, kind, index, start, width):
     """Yield the offsets of the eight rows with numbers index[start:start + 8] in an array of rows of `width`
     elements."""
     llvm = context.get_data_type(kind.dtype)
@@ -37,8 +37,8 @@ def rows_at(typing, array, index, start, width, column):
         kind, index_kind = sig.args[:2]
         array, index, start, width, column = args
         fours = []
-        for place in _places(context, builder, index_kind, index, start, width):
-            pointer = address(context, builder, kind, array, builder.add(place, column), FOUR)
+        for element in _elements(context, builder, index_kind, index, start, width):
+            pointer = address(context, builder, kind, array, builder.add(element, column), FOUR)
             fours.append(builder.load(pointer, align=8))
         out = ir.Constant(eight_rows.llvm, ir.Undefined)
         for part in range(4):
@@ -87,8 +87,8 @@ def _each_row(builder, value):
         yield _shuffle(builder, both, both, range(4 * (c // 4), 4 * (c // 4) + 4))
 
 
-def _add(context, builder, kind, array, place, value):
-    pointer = address(context, builder, kind, array, place, FOUR)
+def _add(context, builder, kind, array, element, value):
+    pointer = address(context, builder, kind, array, element, FOUR)
     builder.store(builder.fadd(builder.load(pointer, align=8), value), pointer, align=8)
 
 
@@ -100,10 +100,10 @@ def add_rows(typing, array, index, start, width, column, value):
     def code(context, builder, sig, args):
         kind, index_kind = sig.args[:2]
         array, index, start, width, column, value = args
-        places = list(_places(context, builder, index_kind, index, start, width))
+        elements = list(_elements(context, builder, index_kind, index, start, width))
         # in sequence: a grain may be in several of the eight contacts
-        for place, row in zip(places, _each_row(builder, value), strict=True):
-            _add(context, builder, kind, array, builder.add(place, column), row)
+        for element, row in zip(elements, _each_row(builder, value), strict=True):
+            _add(context, builder, kind, array, builder.add(element, column), row)
         return context.get_dummy_value()
 
     return types.void(array, index, types.uint64, types.uint64, types.uint64, eight_rows), code
@@ -116,11 +116,11 @@ def add_two_rows(typing, array, index, start, width, column, value, column2, val
     def code(context, builder, sig, args):
         kind, index_kind = sig.args[:2]
         array, index, start, width, column, value, column2, value2 = args
-        places = list(_places(context, builder, index_kind, index, start, width))
-        both = zip(places, _each_row(builder, value), _each_row(builder, value2), strict=True)
-        for place, row, row2 in both:
-            _add(context, builder, kind, array, builder.add(place, column), row)
-            _add(context, builder, kind, array, builder.add(place, column2), row2)
+        elements = list(_elements(context, builder, index_kind, index, start, width))
+        both = zip(elements, _each_row(builder, value), _each_row(builder, value2), strict=True)
+        for element, row, row2 in both:
+            _add(context, builder, kind, array, builder.add(element, column), row)
+            _add(context, builder, kind, array, builder.add(element, column2), row2)
         return context.get_dummy_value()
 
     return types.void(
@@ -136,9 +136,9 @@ def put_rows(typing, array, index, start, width, column, value):
     def code(context, builder, sig, args):
         kind, index_kind = sig.args[:2]
         array, index, start, width, column, value = args
-        places = list(_places(context, builder, index_kind, index, start, width))
-        for place, row in zip(places, _each_row(builder, value), strict=True):
-            pointer = address(context, builder, kind, array, builder.add(place, column), FOUR)
+        elements = list(_elements(context, builder, index_kind, index, start, width))
+        for element, row in zip(elements, _each_row(builder, value), strict=True):
+            pointer = address(context, builder, kind, array, builder.add(element, column), FOUR)
             builder.store(row, pointer, align=8)
         return context.get_dummy_value()
 

@@ -84,19 +84,19 @@ def _put(context, builder, vector, selected, pointer, align: int) -> None:
     behind = builder.bitcast(
         builder.gep(builder.bitcast(pointer, DOUBLE.as_pointer()), [before], source_etype=DOUBLE), half.as_pointer()
     )
-    for part, place, first in ((low, to, 0), (high, behind, 4)):
+    for part, target, first in ((low, to, 0), (high, behind, 4)):
         lanes = ir.Constant(ir.VectorType(INT32, 4), list(range(first, first + 4)))
         four = builder.shuffle_vector(vector, vector, lanes)
-        builder.store(_permuted(builder, four, part, 4), place, align=align)
+        builder.store(_permuted(builder, four, part, 4), target, align=align)
 
 
 def _permuted(builder, vector, bits, several: int):
     """Elements of a vector of 256 bits with the selected ones first; several: number of elements."""
     kind = ir.FunctionType(EIGHT_INTS, [EIGHT_INTS, EIGHT_INTS])
     permute = builder.module.declare_intrinsic("llvm.x86.avx2.permd", (), kind)
-    place = [ir.IntType(64)(0), builder.zext(bits, ir.IntType(64))]
+    index = [ir.IntType(64)(0), builder.zext(bits, ir.IntType(64))]
     table = _table(builder.module, several)
-    order = builder.load(builder.gep(table, place, inbounds=True), align=32)
+    order = builder.load(builder.gep(table, index, inbounds=True), align=32)
     return builder.bitcast(builder.call(permute, [builder.bitcast(vector, EIGHT_INTS), order]), vector.type)
 
 
@@ -109,8 +109,8 @@ def _table(module: ir.Module, several: int) -> ir.GlobalVariable:
     words, rows = 8 // several, []
     for bits in range(2**several):
         selected = [k for k in range(several) if bits >> k & 1]
-        places = [words * k + word for k in selected for word in range(words)]
-        rows.append(ir.Constant(EIGHT_INTS, places + [0] * (8 - len(places))))
+        order = [words * k + word for k in selected for word in range(words)]
+        rows.append(ir.Constant(EIGHT_INTS, order + [0] * (8 - len(order))))
     kind = ir.ArrayType(EIGHT_INTS, len(rows))
     table: Any = ir.GlobalVariable(module, kind, name)
     table.linkage, table.global_constant, table.align = "internal", True, 32
@@ -119,8 +119,8 @@ def _table(module: ir.Module, several: int) -> ir.GlobalVariable:
 
 
 @intrinsic
-def squeeze(typing, array, place, value, selected):
-    """Store the selected numbers in `array` from `place` on, rounded to its type; what follows them is overwritten."""
+def squeeze(typing, array, element, value, selected):
+    """Store the selected numbers in `array` from `element` on, rounded to its type; what follows is overwritten."""
 
     def code(context, builder, sig, args):
         kind, vector = sig.args[0], args[2]
@@ -135,14 +135,14 @@ def squeeze(typing, array, place, value, selected):
 
 
 @intrinsic
-def squeeze_numbers(typing, array, place, source, start, selected):
-    """Store the selected of source[start:start + 8] (int32) in `array` from `place` on; what follows them is
+def squeeze_numbers(typing, array, element, source, start, selected):
+    """Store the selected of source[start:start + 8] (int32) in `array` from `element` on; what follows them is
     overwritten."""
 
     def code(context, builder, sig, args):
-        to, place, source, start, selected = args
+        to, element, source, start, selected = args
         vector = builder.load(address(context, builder, sig.args[2], source, start, EIGHT_INTS), align=4)
-        pointer = address(context, builder, sig.args[0], to, place, EIGHT_INTS)
+        pointer = address(context, builder, sig.args[0], to, element, EIGHT_INTS)
         _put(context, builder, vector, selected, pointer, 4)
         return context.get_dummy_value()
 
@@ -150,16 +150,16 @@ def squeeze_numbers(typing, array, place, source, start, selected):
 
 
 @intrinsic
-def squeeze_places(typing, array, place, start, selected):
-    """Store the selected of start, ..., start + 7 in `array` (int32) from `place` on; what follows is overwritten."""
+def squeeze_indices(typing, array, element, start, selected):
+    """Store the selected of start, ..., start + 7 in `array` (int32) from `element` on; what follows is overwritten."""
 
     def code(context, builder, sig, args):
-        to, place, start, selected = args
+        to, element, start, selected = args
         low = builder.trunc(start, INT32)
         vector = builder.insert_element(ir.Constant(EIGHT_INTS, ir.Undefined), low, INT32(0))
         vector = builder.shuffle_vector(vector, vector, ir.Constant(EIGHT_INTS, [0] * 8))
         vector = builder.add(vector, ir.Constant(EIGHT_INTS, list(range(8))))
-        pointer = address(context, builder, sig.args[0], to, place, EIGHT_INTS)
+        pointer = address(context, builder, sig.args[0], to, element, EIGHT_INTS)
         _put(context, builder, vector, selected, pointer, 4)
         return context.get_dummy_value()
 
@@ -167,16 +167,16 @@ def squeeze_places(typing, array, place, start, selected):
 
 
 @intrinsic
-def exchange(typing, array, place, new, present):
-    """Load eight flags (uint8) of `array` from `place` on, as numbers, and replace those of the mask `present` by
+def exchange(typing, array, element, new, present):
+    """Load eight flags (uint8) of `array` from `element` on, as numbers, and replace those of the mask `present` by
     `new`.
 
     The others are not written: they may belong to another thread.
     """
 
     def code(context, builder, sig, args):
-        array, place, new, present = args
-        pointer = address(context, builder, sig.args[0], array, place, BYTES)
+        array, element, new, present = args
+        pointer = address(context, builder, sig.args[0], array, element, BYTES)
         before = builder.load(pointer, align=1)
         flags = builder.zext(new, BYTES)
         all_eight = builder.icmp_unsigned("==", builder.bitcast(present, ir.IntType(8)), ir.IntType(8)(255))

@@ -206,7 +206,7 @@ class Grid(NamedTuple):
     cell: np.ndarray
     head: np.ndarray
     next_grain: np.ndarray
-    place: np.ndarray
+    new_rows: np.ndarray
 
 
 class Params(NamedTuple):
@@ -307,7 +307,7 @@ def grid(n: int) -> Grid:
         cell=np.empty((n, 3), np.int32),
         head=np.empty(CELLS * n + SPARE_CELLS, np.int32),
         next_grain=np.empty(n, np.int32),
-        place=np.empty(n, np.int32),
+        new_rows=np.empty(n, np.int32),
     )
 
 

@@ -89,8 +89,8 @@ def _check_lists(arrays: Mapping[str, np.ndarray], walls: int) -> None:
         grain = arrays["wall_grain"][first[w] : first[w + 1]]
         if len(grain) and not (grain[0] >= 0 and grain[-1] < n and (np.diff(grain) > 0).all()):
             raise ValueError(f"wall_grain is not ascending within {n} grains")
-    parts = len(arrays["wall_spring"]) // len(arrays["wall_grain"])
-    for name, largest in (("held", 1), ("wall_held", (1 << parts) - 1)):
+    per_contact = len(arrays["wall_spring"]) // len(arrays["wall_grain"])
+    for name, largest in (("held", 1), ("wall_held", (1 << per_contact) - 1)):
         if (arrays[name] > largest).any():
             raise ValueError(f"{name} is not within 0 to {largest}")
 
@@ -115,8 +115,8 @@ def _check_grains(arrays: Mapping[str, np.ndarray], scene: Scene) -> None:
         raise ValueError(f"ids are not different ones of {scene.grains.count} grains")
     if arrays["grains"][-1, S.X] != S.FAR:
         raise ValueError("the last ghost is not far away")
-    parts = len(arrays["wall_spring"]) // len(arrays["wall_grain"])
-    springs = {"spring": pairs, "wall_spring": int(arrays["wall_first"][-1]) * parts}
+    per_contact = len(arrays["wall_spring"]) // len(arrays["wall_grain"])
+    springs = {"spring": pairs, "wall_spring": int(arrays["wall_first"][-1]) * per_contact}
     if not (arrays["sums"][[S.DEEPEST, S.FASTEST2]] >= 0).all():
         raise ValueError("the largest overlap or speed so far is negative or NaN")
     for name, rows in ({"grains": n, "loads": n, "sums": S.OLDER_SUMS} | springs).items():

@@ -10,7 +10,7 @@ from labbook_dem import clumps, motion, rods, rotation, segments, spheres
 from labbook_dem.chosen import choose
 from labbook_dem.contact import rolling_rate
 from labbook_dem.dispatch import PlainWall
-from labbook_dem.ensemble import LONGEST, NOT_RECORDED, Failure, Standing, explain
+from labbook_dem.ensemble import LONGEST, NOT_RECORDED, Failure, MemberState, explain
 from labbook_dem.ensemble import check_checkpoint as check_names
 from labbook_dem.features import features, is_oriented, planes, rolling_springs
 from labbook_dem.mesh import MESH_CONTACTS, PlainMesh, TooManyContacts, mesh_table
@@ -85,7 +85,7 @@ class Forces:
         self.t[i] += (torque.x, torque.y, torque.z)
 
 
-class Run(Standing):
+class Run(MemberState):
     """Member in plain Python.
 
     Arrays of n grains: x [m]; v [m/s] half a step before, u predicted for the whole step; m, y: reduced angular momenta
@@ -173,8 +173,8 @@ class Run(Standing):
         ids, names = self.ids.tolist(), [wall.name for wall in self.walls]
         springs: dict[Key, vec3] = {}
         parts = [()] * len(packing.pairs) if packing.pair_parts is None else packing.pair_parts.tolist()
-        for (i, j), places, vector in zip(packing.pairs.tolist(), parts, pair_springs.tolist(), strict=True):
-            springs[ids[i], ids[j], *places] = vec3(*vector)
+        for (i, j), pair_parts, vector in zip(packing.pairs.tolist(), parts, pair_springs.tolist(), strict=True):
+            springs[ids[i], ids[j], *pair_parts] = vec3(*vector)
         at_walls = zip(packing.wall_grain, packing.wall_name, packing.wall_part, wall_springs, strict=True)
         for i, name, part, vector in at_walls:
             if name in names:
@@ -232,7 +232,7 @@ class Run(Standing):
         return self.ids
 
     def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
-        """See `Standing`."""
+        """See `MemberState`."""
         new = Run.started(self._can, self.scene, self.numerics, self.probes, grains)
         new.v = half_v
         for name in ("x", "v", "u", "m", "y", "ids", "gone"):
@@ -244,7 +244,7 @@ class Run(Standing):
         self.clear = np.concatenate([self.clear, new.clear], axis=1)
 
     def set_velocities(self, ids: np.ndarray, v: np.ndarray) -> None:
-        """See `Standing`."""
+        """See `MemberState`."""
         order = np.argsort(self.ids)
         rows = order[np.searchsorted(self.ids, ids, sorter=order)]
         self.v[rows], self.u[rows] = v, v
@@ -357,7 +357,7 @@ class Run(Standing):
         self._move_parts()
         with self._law():
             now = self._now()
-            for i, j in self._close():
+            for i, j in self._pairs_in_reach():
                 try:
                     self._pair(total, i, j, now)
                 except ArithmeticError:  # Python raises where processors give NaN: two grains in the same place
@@ -379,7 +379,7 @@ class Run(Standing):
         axis = axes_of(self.scene.grains, self.x, self.q)
         return PlainGrains(self.scene.grains, self.bodies, self.ids, self.x, self.q, axis, self.u, self.v, *spins)
 
-    def _close(self) -> list[tuple[int, int]]:
+    def _pairs_in_reach(self) -> list[tuple[int, int]]:
         """Pairs of grains that may touch: within reach, and for rods and clumps with close segments or spheres."""
         radius, grains, q = float(self.bodies.radius.max()), self.scene.grains, self.q
         pairs = sorted(KDTree(self.x).query_pairs(2 * (radius + grains.overhang)))
@@ -396,7 +396,7 @@ class Run(Standing):
         for i in np.flatnonzero(self.clear[w] <= 0).tolist():
             x, radius = vec3(*self.x[i].tolist()), float(self.bodies.radius[i])
             frame = self._at_walls.frames.get(w)
-            distance, _normal = wall.distance(x if frame is None else frame.place(x))
+            distance, _normal = wall.distance(x if frame is None else frame.point_inwards(x))
             self.clear[w, i] = distance - radius - overhang
             if self.clear[w, i] <= 0:
                 near.append(i)
@@ -408,7 +408,7 @@ class Run(Standing):
         u, v = vec3(*(self.u[i] - self.u[j]).tolist()), vec3(*(self.v[i] - self.v[j]).tolist())
         key = int(self.ids[i]), int(self.ids[j])
         c: coefs = self._pair_c[int(bodies.kind[i]), int(bodies.kind[j])]
-        wi, wj, pi, pj = (vec3(*array[row].tolist()) for array in (now.spin, now.soon) for row in (i, j))
+        wi, wj, pi, pj = (vec3(*array[row].tolist()) for array in (now.spin, now.predicted_spin) for row in (i, j))
         grains, mi, mj = self.scene.grains, float(bodies.mass[i]), float(bodies.mass[j])
         if isinstance(grains, Clumps):
             levers = [*enumerate(now.levers(i))], [*enumerate(now.levers(j))]
@@ -517,7 +517,7 @@ class Run(Standing):
         m, bodies = rotation.momenta(self.scene.grains, w, self.q), self.bodies if self.scene.grains.varied else None
         return Grains(self.ids, self.x, v, w, m, self.v, self.m, self.q, bodies).within(inside)
 
-    def counted(self) -> Mapping[str, float]:
+    def accumulated(self) -> Mapping[str, float]:
         """See `labbook_dem.reading.Readable`; there are no lists to rebuild."""
         return {"work": self.work, "max_overlap": self.max_overlap, "touching": self.touching, "rebuilds": 0}
 
@@ -632,8 +632,8 @@ def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> Non
     if not ((kind >= 0) & (kind < kinds)).all():
         raise ValueError(f"kinds of grains are not from 0 to {kinds - 1}")
     wall, part = arrays["wall_key"][:, 1], arrays["wall_key"][:, 2]
-    of_pairs, places = arrays["pair_key"][:, :2], arrays["pair_key"][:, 2:]
-    if not ((places >= 0) & (places < spheres_of_grain)).all():
+    of_pairs, pair_parts = arrays["pair_key"][:, :2], arrays["pair_key"][:, 2:]
+    if not ((pair_parts >= 0) & (pair_parts < spheres_of_grain)).all():
         raise ValueError("springs belong to spheres that clumps do not have")
     if not (np.isin(of_pairs, ids).all() and np.isin(arrays["wall_key"][:, 0], ids).all()):
         raise ValueError("springs belong to grains that do not exist")

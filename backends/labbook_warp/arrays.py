@@ -59,7 +59,7 @@ class Outgoing:
 
     def __init__(self, slots: int, targets: Collection[int]):
         """slots: number of slots of the arrays; targets: slots that may be written to."""
-        self._slots, self._places = slots, {slot: place for place, slot in enumerate(sorted(targets))}
+        self._slots, self._indices = slots, {slot: index for index, slot in enumerate(sorted(targets))}
         self._buffers: dict[int, tuple[Any, Any, np.ndarray, set[int]]] = {}
         """By pointer: an array on the device, its buffer for Warp and as a NumPy view, and the slots written to."""
 
@@ -67,11 +67,11 @@ class Outgoing:
         """Return the buffer of an array for a slot: zeros at first, to be written to."""
         size = array.shape[0] // self._slots
         if array.ptr not in self._buffers:
-            buffer = wp.zeros(len(self._places) * size, dtype=array.dtype, device="cpu")
+            buffer = wp.zeros(len(self._indices) * size, dtype=array.dtype, device="cpu")
             self._buffers[array.ptr] = array, buffer, buffer.numpy(), set()
         _, _, entries, slots = self._buffers[array.ptr]
         slots.add(slot)
-        first = self._places[slot] * size
+        first = self._indices[slot] * size
         return entries[first : first + size]
 
     def send(self) -> None:
@@ -79,7 +79,7 @@ class Outgoing:
         for array, buffer, _, slots in self._buffers.values():
             size = array.shape[0] // self._slots
             for first, count, _ in _runs(sorted(slots)):
-                wp.copy(array, buffer, first * size, self._places[first] * size, count * size)
+                wp.copy(array, buffer, first * size, self._indices[first] * size, count * size)
 
 
 class Arrays:
@@ -118,7 +118,7 @@ class Arrays:
         """Host copies of whole arrays by pointer, within `together`."""
         self._outgoing: Outgoing | None = None
         """Buffers within `written_together`."""
-        self._places: dict[int, int] = {}
+        self._indices: dict[int, int] = {}
         """Position of each slot in the gathered parts, within `gathered`."""
         self._gathered: dict[int, np.ndarray] = {}
         """Host copies of the parts of arrays that belong to these slots, by pointer."""
@@ -195,18 +195,18 @@ class Arrays:
 
         They are first gathered on the device. Nothing may change a slot before it was read.
         """
-        self._places = {slot: place for place, slot in enumerate(sorted(slots))}
+        self._indices = {slot: index for index, slot in enumerate(sorted(slots))}
         try:
             yield
         finally:
-            self._places, self._gathered = {}, {}
+            self._indices, self._gathered = {}, {}
 
     def _gather(self, array: Any, size: int) -> np.ndarray:
         """Return the entries of an array that belong to the slots of `gathered`, `size` of each."""
         if array.ptr not in self._gathered:
-            joined = wp.empty(len(self._places) * size, dtype=array.dtype, device=self.device)
-            for first, count, place in _runs(list(self._places)):
-                wp.copy(joined, array, place * size, first * size, count * size)
+            joined = wp.empty(len(self._indices) * size, dtype=array.dtype, device=self.device)
+            for first, count, index in _runs(list(self._indices)):
+                wp.copy(joined, array, index * size, first * size, count * size)
             self._gathered[array.ptr] = fetch(joined)
         return self._gathered[array.ptr]
 
@@ -223,11 +223,11 @@ class Arrays:
         else:
             self._outgoing.entries(array, slot)[: len(values)] = values
 
-    def part(self, array: Any, slot: int, size: int, count: int) -> np.ndarray:
+    def fetched(self, array: Any, slot: int, size: int, count: int) -> np.ndarray:
         """Return the first `count` of the `size` entries of `array` for a slot, on the host. Read only."""
         first = slot * size
-        if self._whole is None and slot in self._places:
-            first = self._places[slot] * size
+        if self._whole is None and slot in self._indices:
+            first = self._indices[slot] * size
             return self._gather(array, size)[first : first + count]
         if self._whole is None:
             return fetch(array, first, count)
@@ -237,10 +237,10 @@ class Arrays:
         """Return state array `name` of the first `rows` rows of a slot: shape [rows, ...], or [entries, rows, ...]."""
         if name == "p":
             words = self.codec.words
-            return self.part(self.p, slot, self.sizes.cap * words, rows * words).reshape(rows, -1)
+            return self.fetched(self.p, slot, self.sizes.cap * words, rows * words).reshape(rows, -1)
         entries = self.sizes.entries[self.state[name]]
         per = self.sizes.cap * entries
-        block = self.part(getattr(self.system, name), slot, per, per)
+        block = self.fetched(getattr(self.system, name), slot, per, per)
         block = block.reshape(entries, self.sizes.cap, *block.shape[1:])[:, :rows]
         return block[0] if self.state[name] == "one" else block
 
@@ -299,8 +299,8 @@ class Arrays:
         if records:
             array = getattr(self.system, name)
             together = wp.array([records[slot] for slot in sorted(records)], dtype=array.dtype, device=self.device)
-            for first, count, place in _runs(sorted(records)):
-                wp.copy(array, together, first, place, count)
+            for first, count, index in _runs(sorted(records)):
+                wp.copy(array, together, first, index, count)
 
     def of_slot(self, slot: int, rows: int) -> "SlotState":
         """Return the state of the first `rows` rows of a slot; each array is read on access."""

@@ -37,10 +37,10 @@ class Beat:
         """Events of the last beat on the device; see `labbook_warp.report`."""
         self._arrived = wp.zeros(1, dtype=wp.uint32, device=self.device)
         compiling.wait_for(self.kernels)
-        fit = self.fit_at_once()
+        all_resident = self.all_resident()
         # programs take turns on a GPU, each with all of it, unless they share it through the Multi-Process Service
-        self._several = fit and self.kernels.SHARED and not self.kernels.POSES and not shared_with_others()
-        groups = _GROUPS if self.device.is_cuda and self._slots > 1 and not fit else 0
+        self._several = all_resident and self.kernels.SHARED and not self.kernels.POSES and not shared_with_others()
+        groups = _GROUPS if self.device.is_cuda and self._slots > 1 and not all_resident else 0
         self._streams = [wp.Stream(self.device) for _ in range(groups)]
         self._graphs: dict[tuple[int, ...], Any] = {}
         """Graphs of beats, by interval of checks; of parts, also by steps until the first check and number of steps."""
@@ -50,7 +50,7 @@ class Beat:
         """Drop captured graphs: they contain the material that all members share as a constant."""
         self._graphs = {}
 
-    def fit_at_once(self) -> bool:
+    def all_resident(self) -> bool:
         """True if all threads of a step are resident on the device at once, given an idle device."""
         if not self.device.is_cuda:
             return False
@@ -84,7 +84,7 @@ class Beat:
         """End a beat and add `steps` to the step counters."""
         self._launch(self.kernels.finish_beat, self._slots, steps, self.report)
 
-    def part(self, first: int, stop: int, every: int) -> int:
+    def run_some(self, first: int, stop: int, every: int) -> int:
         """Take some steps of a beat from step `first` on, up to `stop` at most, without counting them.
 
         Displacements are checked at the same steps as in `run`. The number of steps is a power of two, of steps or
@@ -99,10 +99,10 @@ class Beat:
             steps = every * _power_of_two(intervals)
         else:
             steps = _power_of_two(min(stop - first, every - first % every))
-        self._run_captured((every, until_check, steps), lambda: self._part_launches(until_check, steps, every))
+        self._run_captured((every, until_check, steps), lambda: self._some_launches(until_check, steps, every))
         return steps
 
-    def _part_launches(self, ahead: int, steps: int, every: int) -> None:
+    def _some_launches(self, ahead: int, steps: int, every: int) -> None:
         """Launch a part of a beat; ahead: steps to the next check, 0 without a check at its start."""
         for first in range(0, steps, every):
             if ahead:
@@ -156,11 +156,11 @@ class Beat:
         """Take these steps with the members in `slots` slots from `slot` on."""
         here, there = self.arrays.p, self.arrays.q
         # Several steps in one launch need all of its threads on the device at once: then they wait for each other.
-        at_once = some if self._several else 1
+        steps_per_launch = some if self._several else 1
         threads = slots * self.arrays.sizes.cap * self.lanes
-        for sub in range(first, first + some, at_once):
+        for sub in range(first, first + some, steps_per_launch):
             self._meet_walls(here, True, slot, slots)
-            self._launch(self.kernels.step, threads, here, there, slot, sub, at_once, self._arrived)
+            self._launch(self.kernels.step, threads, here, there, slot, sub, steps_per_launch, self._arrived)
             if self.kernels.POSES:
                 self._launch(self.kernels.tick, slots, slot)
             here, there = there, here

@@ -53,7 +53,9 @@ def _system_text(meshes: bool) -> str:
     return f"# {system.__name__}\n{text}"
 
 
-_CALLED = r"@(func|kernel)\n(?=def mesh_(away|between|cell|contacts|listed|merged|near|normal|places|within|rod_\w+)\()"
+_CALLED = (
+    r"@(func|kernel)\n(?=def mesh_(away|between|cell|contacts|listed|merged|near|normal|springs|within|rod_\w+)\()"
+)
 """Functions of meshes that are called and not inlined, so that they give the same bits in every kernel."""
 
 

@@ -16,12 +16,12 @@ class GrainFields(NamedTuple):
     Attributes:
         exact: vectors in double precision, x first.
         moving: vectors in the precision of velocities, v and w first.
-        rest: the rounding error of a velocity follows, if velocities are in single precision.
+        rounding: the rounding error of a velocity follows, if velocities are in single precision.
     """
 
     exact: tuple[str, ...]
     moving: tuple[str, ...]
-    rest: bool
+    rounding: bool
 
 
 class States(NamedTuple):
@@ -48,10 +48,10 @@ class Codec:
         self.exact = 3 * len(fields.exact) * (2 if mixed else 1)
         """Numbers of the vectors in double precision; in mixed precision each is stored as two singles."""
         self._used = self.exact + 3 * len(fields.moving)
-        self.rest = mixed and fields.rest
+        self.rounding = mixed and fields.rounding
         self.numbers = 4 if mixed else 2
         """Numbers of a word."""
-        self.words = -(-(self._used + self.rest) // self.numbers)
+        self.words = -(-(self._used + self.rounding) // self.numbers)
         """Words of a grain."""
 
     def encode(self, x: np.ndarray, v: np.ndarray, w: np.ndarray, axis: np.ndarray | None = None) -> np.ndarray:
@@ -71,15 +71,15 @@ class Codec:
         if self.mixed:
             exact = [np.ascontiguousarray(a).view(np.float32) for a in exact]
             moving = [np.asarray(a, np.float32) for a in moving]
-        rest = np.zeros((len(x), self.words * self.numbers - self._used), exact[0].dtype)
-        return np.hstack([*exact, *moving, rest])
+        padding = np.zeros((len(x), self.words * self.numbers - self._used), exact[0].dtype)
+        return np.hstack([*exact, *moving, padding])
 
     def with_velocities(self, numbers: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return a copy with velocities v [m/s], shape [n, 3], also as predicted ones, and zero rounding errors."""
         changed = numbers.copy()
-        for place, name in enumerate(self.fields.moving):
+        for index, name in enumerate(self.fields.moving):
             if name in ("v", "u"):
-                first = self.exact + 3 * place
+                first = self.exact + 3 * index
                 changed[:, first : first + 3] = v
         changed[:, self._used :] = 0
         return changed
@@ -92,7 +92,7 @@ class Codec:
 
 
 def kernel_text(codec: Codec) -> str:
-    """Source of `GrainPosition`, `position`, `motion`, `rest` and `put`, which `labbook_warp.kernels.shown` lists."""
+    """Source of `GrainPosition`, `position`, `motion`, `rounding_error` and `put`, which `kernels.shown` lists."""
     parts = ["\n".join(lines) + "\n" for lines in (_record(codec), *_functions(codec))]
     return "\n\n".join([f"# written by {__name__}", *parts])
 
@@ -117,7 +117,7 @@ def _functions(codec: Codec) -> Iterator[Iterator[str]]:
     begins = -(-codec.exact // codec.numbers)
     yield _position(codec, begins)
     yield _motion(codec, begins)
-    yield iter(_rest(codec))
+    yield iter(_rounding(codec))
     yield _put(codec)
 
 
@@ -158,9 +158,9 @@ def _motion(codec: Codec, begins: int) -> Iterator[str]:
     yield f"    return {', '.join(vectors)}"
 
 
-def _rest(codec: Codec) -> list[str]:
-    lines = ["@func", "def rest(p: Words, i: int):"]
-    if not codec.rest:
+def _rounding(codec: Codec) -> list[str]:
+    lines = ["@func", "def rounding_error(p: Words, i: int):"]
+    if not codec.rounding:
         return [*lines, "    return real(0.0)"]
     last = codec.words - 1
     return [*lines, *_loads(codec, last, last + 1), f"    return {_number(codec, codec.words * codec.numbers - 1)}"]
@@ -170,12 +170,16 @@ def _put(codec: Codec) -> Iterator[str]:
     exact, moving = codec.fields.exact, codec.fields.moving
     parameters = [f"{name}: wide3" for name in exact] + [f"{name}: vec3" for name in moving]
     yield "@func"
-    yield f"def put(p: Words, i: int, {', '.join(parameters)}{', rest: real' if codec.fields.rest else ''}):"
+    yield f"def put(p: Words, i: int, {', '.join(parameters)}{', rounding: real' if codec.fields.rounding else ''}):"
     wide_numbers = [f"{name}[{c}]" for name in exact for c in range(3)]
     numbers = wide_numbers
     if codec.mixed:
         numbers = [f"halved({number}, {half})" for number in wide_numbers for half in (0, 1)]
-    numbers = [*numbers, *(f"{name}[{c}]" for name in moving for c in range(3)), *(["rest"] if codec.rest else [])]
+    numbers = [
+        *numbers,
+        *(f"{name}[{c}]" for name in moving for c in range(3)),
+        *(["rounding"] if codec.rounding else []),
+    ]
     for k in range(codec.words):
         word_numbers = numbers[k * codec.numbers : (k + 1) * codec.numbers]
         yield f"    store_word(p, i * {codec.words}{f' + {k}' if k else ''}, word({', '.join(word_numbers)}))"

@@ -62,9 +62,11 @@ def _quantum(force: float) -> float:
     return math.ldexp(1.0, math.frexp(force)[1] - 48)
 
 
-def place(module: ModuleType, scene: Scene, numerics: Numerics, probes: Sequence[Probe], lattice: Sequence[int]) -> Any:
-    """Record `kernels.system.Place` of a scene; lattice: cells along x, y, z, from `lattice`."""
-    record = module.Place()
+def member_domain(
+    module: ModuleType, scene: Scene, numerics: Numerics, probes: Sequence[Probe], lattice: Sequence[int]
+) -> Any:
+    """Record `kernels.system.MemberDomain` of a scene; lattice: cells along x, y, z, from `lattice`."""
+    record = module.MemberDomain()
     record.plane, record.drop = features.planes(scene, probes)
     record.cell = cell_size(scene, numerics)
     record.gx, record.gy, record.gz = lattice

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from labbook_dem.ensemble import Standing
+from labbook_dem.ensemble import MemberState
 from labbook_dem.reading import Grains, Inside, SlabGrains
 from labbook_dem.rotation import spins
 
@@ -19,7 +19,7 @@ from labbook_warp.view import DeviceView
 
 
 @dataclass(eq=False)
-class ReadableRun(Run, Standing):
+class ReadableRun(Run, MemberState):
     """Run with the view that reads it; see `labbook_dem.reading.Readable`."""
 
     view: DeviceView = field(kw_only=True)
@@ -49,11 +49,11 @@ class ReadableRun(Run, Standing):
         return self.view.present(self)
 
     def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
-        """See `Standing`."""
+        """See `MemberState`."""
         self.view.put_back([(self, grains, half_v)])
 
     def set_velocities(self, ids: np.ndarray, v: np.ndarray) -> None:
-        """See `Standing`."""
+        """See `MemberState`."""
         self.view.set_velocities(self, ids, v)
 
     def crossings(self) -> np.ndarray:
@@ -86,7 +86,7 @@ class ReadableRun(Run, Standing):
         """See `labbook_dem.reading.Readable`."""
         return self.view.wall_sums(self, probe)
 
-    def counted(self) -> Mapping[str, float]:
+    def accumulated(self) -> Mapping[str, float]:
         """Return the totals that the kernels counted; see `labbook_dem.reading.Readable`."""
         arrays, slot, n = self.view.stage.arrays, self.slot, self.rows
         pairs, walls = (int(np.bitwise_count(arrays.read(name, slot, n)).sum()) for name in ("held", "wall_held"))

@@ -114,14 +114,17 @@ def write_rows(arrays: Arrays, rows: np.ndarray, values: Mapping[str, np.ndarray
     zeros = {name: np.zeros((len(rows), getattr(array.dtype, "_length_", 1))) for name, array in targets.items()}
     values = zeros | dict(values)
     blocks = [np.ascontiguousarray(block, _numbers(targets[name])) for name, block in values.items()]
-    parts = [rows.astype(np.int32), *(block.view(np.int32).ravel() for block in blocks)]
-    source = wp.array(np.concatenate(parts), dtype=wp.int32, device=arrays.device)
+    blocks_of_words = [rows.astype(np.int32), *(block.view(np.int32).ravel() for block in blocks)]
+    source = wp.array(np.concatenate(blocks_of_words), dtype=wp.int32, device=arrays.device)
     first = len(rows)
-    for target, part in zip(targets.values(), parts[1:], strict=True):
+    for target, block_of_words in zip(targets.values(), blocks_of_words[1:], strict=True):
         wp.launch(
-            _write, len(part), [source, first, len(part) // len(rows), _as(target, wp.int32)], device=arrays.device
+            _write,
+            len(block_of_words),
+            [source, first, len(block_of_words) // len(rows), _as(target, wp.int32)],
+            device=arrays.device,
         )
-        first += len(part)
+        first += len(block_of_words)
 
 
 @wp.kernel(enable_backward=False)

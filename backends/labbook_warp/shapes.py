@@ -60,7 +60,7 @@ SHAPES = {
     "sphere": Shape(
         kernels=(spheres, sphere_walls),
         mesh_kernels=(spheres, meshes, mesh_walls),
-        shared_fields=GrainFields(("x",), ("v", "w", "u"), rest=True),
+        shared_fields=GrainFields(("x",), ("v", "w", "u"), rounding=True),
         state={},
         reach=1,
         threads=((5_000, 8), (15_000, 4), (42_000, 2)),
@@ -76,7 +76,7 @@ SHAPES = {
     "spherocylinder": Shape(
         kernels=(rods, rod_walls, rod_contacts, rod_plates),
         mesh_kernels=(rods, rod_walls, rod_contacts, meshes, rod_meshes),
-        shared_fields=GrainFields(("x", "axis"), ("v", "w", "u", "y"), rest=False),
+        shared_fields=GrainFields(("x", "axis"), ("v", "w", "u", "y"), rounding=False),
         state={"facing": "one", "turned": "one", "momentum": "one"},
         reach=2,
         threads=((5_600, 8), (50_000, 4)),

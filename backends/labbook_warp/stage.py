@@ -21,7 +21,7 @@ from labbook_warp.beat import Beat
 from labbook_warp.compiling import mixed
 from labbook_warp.layout import EXTREMES, Sizes
 from labbook_warp.meshes import MeshTables
-from labbook_warp.parameters import cell_size, material, place, same_material
+from labbook_warp.parameters import cell_size, material, member_domain, same_material
 from labbook_warp.poses import PoseTables
 from labbook_warp.report import Report, collect
 from labbook_warp.returning import read_rows, write_rows
@@ -179,17 +179,17 @@ class Stage:
         """Put grains into free rows of members. Returns False, without a change, if their lists have no room."""
         arrays, runs, cap = self.arrays, [run for run, _, _ in returning], self._sizes.cap
         arrays.back_up()
-        parts, rows = list[dict[str, np.ndarray]](), list[np.ndarray]()
+        tables, rows = list[dict[str, np.ndarray]](), list[np.ndarray]()
         before = {run: (run.rows, run.left, run.ids, run.past_work) for run in runs}
         reused = dict[Run, np.ndarray]()
         for run, grains, half_v in returning:
             assert grains.ids is not None
             plane, _ = features.planes(run.scene, run.probes)
-            parts.append(transfer.entering(arrays, run.scene, grains, half_v, plane))
+            tables.append(transfer.entering(arrays, run.scene, grains, half_v, plane))
             own, reused[run] = run.takes(grains.ids)
             rows.append(run.slot * cap + own)
         self._count_work(reused)
-        together = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        together = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
         write_rows(arrays, np.concatenate(rows), together)
         self._send_left()
         if any(self._lists(runs)):
@@ -262,19 +262,19 @@ class Stage:
         """
         arrays, module = self.arrays, self.arrays.module
         of_scenes: dict[tuple[int, int], tuple[Any, dict[str, np.ndarray]]] = {}
-        materials, places = dict[int, Any](), dict[int, Any]()
+        materials, domains = dict[int, Any](), dict[int, Any]()
         for run in runs:
             scene = id(run.scene), id(run.numerics)
             if scene not in of_scenes:
                 of_scenes[scene] = material(module, run.scene, run.numerics), self._tables(run)
             materials[run.slot], tables = of_scenes[scene]
-            places[run.slot] = place(module, run.scene, run.numerics, run.probes, run.lattice)
+            domains[run.slot] = member_domain(module, run.scene, run.numerics, run.probes, run.lattice)
             for name, table in tables.items():
                 arrays.put(name, run.slot, table)
             for name, value in zip(EXTREMES, run.start_extremes, strict=True):
                 arrays.put(name, run.slot, np.array([value]))
         arrays.put_records("material", materials)
-        arrays.put_records("place", places)
+        arrays.put_records("domain", domains)
         if runs:
             arrays.system.common = materials[runs[-1].slot]
 
@@ -463,7 +463,7 @@ class Stage:
         try:
             for stop in (*stops, self._spec.steps_per_beat):
                 while done < stop:
-                    steps = self.beats.part(done, stop, self._interval)
+                    steps = self.beats.run_some(done, stop, self._interval)
                     done += steps
                     for run in runs:
                         run.step += steps
@@ -551,9 +551,9 @@ class Stage:
     def state_of(self, run: Run) -> tuple[SlotState, dict[str, np.ndarray]]:
         """Return the arrays of a member with a slot, and the numbers of its checkpoint."""
         arrays, system = self.arrays, self.arrays.system
-        run.rebuilds = int(arrays.part(system.rebuilds, run.slot, 1, 1)[0])
+        run.rebuilds = int(arrays.fetched(system.rebuilds, run.slot, 1, 1)[0])
         numbers = {"step": np.array(run.step), "rebuilds": np.array(run.rebuilds)}
-        extremes = [arrays.part(getattr(system, name), run.slot, 1, 1)[0] for name in EXTREMES]
+        extremes = [arrays.fetched(getattr(system, name), run.slot, 1, 1)[0] for name in EXTREMES]
         numbers["most"] = np.array(extremes, np.float64)
         return arrays.of_slot(run.slot, run.rows), numbers
 

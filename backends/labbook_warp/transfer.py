@@ -73,8 +73,8 @@ def set_velocities(arrays: Arrays, slot: int, rows: int, ids: np.ndarray, v: np.
     """Set velocities v [m/s] of grains among the first `rows` rows of a slot."""
     numbers, of_rows = np.array(arrays.read("p", slot, rows)), arrays.read("ids", slot, rows)
     order = present_rows(arrays.codec.decode(numbers)[0], of_rows)  # a grain that returned has a second row
-    place = order[np.searchsorted(of_rows[order], ids)]
-    numbers[place] = arrays.codec.with_velocities(numbers[place], v)
+    index = order[np.searchsorted(of_rows[order], ids)]
+    numbers[index] = arrays.codec.with_velocities(numbers[index], v)
     arrays.write("p", slot, numbers)
 
 
@@ -85,10 +85,10 @@ def _in_blocks(arrays: Arrays, x: np.ndarray, cell: float) -> np.ndarray:
     ordered by cells within each quarter of the bed, the fastest of the measured orders.
     """
     at = np.floor(x / cell).astype(np.int64)
-    part = at // _BLOCK
+    block = at // _BLOCK
     if arrays.module.ORIENTED and arrays.module.SHARED and len(x):
-        part = x[:, :2] > np.median(x[:, :2], axis=0)
-    return np.lexsort((*at.T, *part.T))
+        block = x[:, :2] > np.median(x[:, :2], axis=0)
+    return np.lexsort((*at.T, *block.T))
 
 
 def set_springs(arrays: Arrays, slot: int, scene: Scene, packing: Packing, names: Sequence[str]) -> None:
@@ -133,8 +133,8 @@ def _set_wall_springs(
     n, parts = len(packing), arrays.sizes.parts
     state = {name: arrays.read(name, slot, n) for name in arrays.state if name.startswith("wall_")}
     at, part = rows[packing.wall_grain], packing.wall_part
-    place = {name: wall for wall, name in enumerate(names)}
-    wall = np.array([place.get(name, -1) for name in packing.wall_name.tolist()], np.int64)
+    index_of_wall = {name: wall for wall, name in enumerate(names)}
+    wall = np.array([index_of_wall.get(name, -1) for name in packing.wall_name.tolist()], np.int64)
     feature = None
     if "wall_feature" in state:
         features = np.diff(first_features(shapes_of(scene.container.walls()), is_oriented(scene)), append=0)[wall]
@@ -179,11 +179,11 @@ def packing(state: SlotState, scene: Scene, v: np.ndarray, m: np.ndarray) -> Pac
     x, _, _, orientation = state.states()
     ids, masks = state.read("ids").astype(np.int64), state.read("held")
     order = present_rows(x, ids)
-    place = np.full(len(ids), -1)
-    place[order] = np.arange(len(order))
+    index = np.full(len(ids), -1)
+    index[order] = np.arange(len(order))
     nbr, spring = state.read("nbr"), state.read("spring")
     k, row = np.nonzero(masks[None, :] >> np.arange(len(nbr), dtype=np.uint32)[:, None] & 1)
-    i, j = place[row], place[nbr[k, row]]
+    i, j = index[row], index[nbr[k, row]]
     selected = (i >= 0) & (j > i)
     by_pair = np.lexsort((j[selected], i[selected]))
     wall_masks = state.read("wall_held")
@@ -195,8 +195,8 @@ def packing(state: SlotState, scene: Scene, v: np.ndarray, m: np.ndarray) -> Pac
     if "wall_feature" in state.kinds:
         meshes = np.array([isinstance(shape, TriangleMesh) for shape in shapes_of(scene.container.walls())])[wall_index]
         part = np.where(meshes, state.read("wall_feature")[k_wall, wall_row], part)
-    by_wall = np.lexsort((place[wall_row], part, wall_index))
-    by_wall = by_wall[place[wall_row[by_wall]] >= 0]
+    by_wall = np.lexsort((index[wall_row], part, wall_index))
+    by_wall = by_wall[index[wall_row[by_wall]] >= 0]
     k_wall, wall_row, wall_index, part = k_wall[by_wall], wall_row[by_wall], wall_index[by_wall], part[by_wall]
     q = None if orientation is None else orientation[order]
     rolling_fields: dict[str, np.ndarray | None] = {}
@@ -213,7 +213,7 @@ def packing(state: SlotState, scene: Scene, v: np.ndarray, m: np.ndarray) -> Pac
         ids=ids[order],
         pairs=np.column_stack([i[selected], j[selected]])[by_pair],
         pair_spring=spring[k, row][selected][by_pair].astype(np.float64),
-        wall_grain=place[wall_row],
+        wall_grain=index[wall_row],
         wall_name=np.array([*names, ""], "U40")[wall_index],
         wall_spring=state.read("wall_spring")[k_wall, wall_row].astype(np.float64),
         wall_part=part,

@@ -55,7 +55,7 @@ class DeviceView:
     def whole_step(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
         """Velocities [m/s] and reduced angular momenta [rad/s] of a member at the whole step, by row."""
         velocities, arrays = self._look(run), self.stage.arrays
-        v, m = (arrays.part(array, run.slot, arrays.sizes.cap, run.rows) for array in velocities)
+        v, m = (arrays.fetched(array, run.slot, arrays.sizes.cap, run.rows) for array in velocities)
         return v, m
 
     def deepest(self, run: Run) -> float:
@@ -77,16 +77,16 @@ class DeviceView:
         The corresponding slabs of all members are read at once: copying all grains to the host would take longer than a
         beat.
         """
-        stage, place = self.stage, _slabs(run).index(slab)
-        version, rows = self._layers.get(place, (-1, {}))
+        stage, index = self.stage, _slabs(run).index(slab)
+        version, rows = self._layers.get(index, (-1, {}))
         if stage.changed_since(version, run.slot):
             velocities, _ = self._look(run)
             low, high = np.full((2, stage.arrays.sizes.slots), np.inf)
             for member in stage.runs:
-                if place < len(_slabs(member)):
-                    low[member.slot], high[member.slot] = _slabs(member)[place].low, _slabs(member)[place].high
+                if index < len(_slabs(member)):
+                    low[member.slot], high[member.slot] = _slabs(member)[index].low, _slabs(member)[index].high
             rows = _by_slot(stage.beats.slab(velocities, low, high), keys=1)
-            self._layers[place] = stage.changes, rows
+            self._layers[index] = stage.changes, rows
         return rows.get(run.slot, np.zeros((0, 7)))
 
     def wall_sums(self, run: Run, probe: Traction) -> np.ndarray:
@@ -104,7 +104,7 @@ class DeviceView:
         stage, sizes = self.stage, self.stage.arrays.sizes
         bins, units = np.zeros((sizes.slots, max(sizes.walls, 1), WALL_COLUMNS)), np.ones((sizes.slots, 2))
         first = 0
-        places: dict[int, slice] = {}
+        slices: dict[int, slice] = {}
         for run in stage.runs:
             table = run.bins.get(probe) if isinstance(run, Readable) else None
             if table is None:
@@ -112,10 +112,10 @@ class DeviceView:
             bins[run.slot, : len(table.numbers)] = table.numbers
             bins[run.slot, : len(table.numbers), -1] += first
             units[run.slot] = table.force, table.torque
-            places[run.slot] = slice(first, first + table.total)
+            slices[run.slot] = slice(first, first + table.total)
             first += table.total
         sums = stage.beats.wall_sums(bins, units, max(first, 1))
-        return {slot: sums[place] for slot, place in places.items()}
+        return {slot: sums[own_slice] for slot, own_slice in slices.items()}
 
     def energy(self, run: Run) -> float:
         """Kinetic energy [J] of a member at the whole step."""
@@ -154,16 +154,16 @@ class DeviceView:
         if not heights:
             return []
         tops = self._read_tops(heights)
-        parts = [slice(*tops.first[run.slot : run.slot + 2]) for run in heights]
+        slices = [slice(*tops.first[run.slot : run.slot + 2]) for run in heights]
         cap, oriented = self.stage.arrays.sizes.cap, self.stage.arrays.module.ORIENTED
         return [
             BedTop(
                 self.present(run),
-                run.ids[tops.rows[part] - run.slot * cap],
-                tops.x[part],
-                tops.q[part] if oriented else None,
+                run.ids[tops.rows[own_slice] - run.slot * cap],
+                tops.x[own_slice],
+                tops.q[own_slice] if oriented else None,
             )
-            for run, part in zip(heights, parts, strict=True)
+            for run, own_slice in zip(heights, slices, strict=True)
         ]
 
     def present(self, run: Run) -> np.ndarray:
@@ -206,5 +206,5 @@ def _by_slot(rows: np.ndarray, keys: int) -> dict[int, np.ndarray]:
     """Split rows by their first column, the slot, and drop it; sort by the first `keys` further columns."""
     rows = rows[np.lexsort(rows[:, keys::-1].T)]
     slots, first = np.unique(rows[:, 0], return_index=True)
-    parts = np.split(rows[:, 1:], first[1:]) if len(slots) else []
-    return {int(slot): part for slot, part in zip(slots, parts, strict=True)}
+    rows_of_slots = np.split(rows[:, 1:], first[1:]) if len(slots) else []
+    return {int(slot): own_rows for slot, own_rows in zip(slots, rows_of_slots, strict=True)}

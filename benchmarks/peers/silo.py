@@ -107,7 +107,7 @@ def jobs(
             if outlets and not any(_is_outlet(point.scene, 1e-3 * outlet) for outlet in outlets):
                 continue
             shared = PointDemand(study, point)
-            packing = lab.place.packing(Demand(shared, seed, False).keys(can).packing)
+            packing = lab.lab_folder.packing(Demand(shared, seed, False).keys(can).packing)
             if not packing.exists():
                 continue
             for code, scene in discharged(point.scene, codes):

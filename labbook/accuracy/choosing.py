@@ -174,4 +174,4 @@ def _steps(scene: Scene, closed: Scene, scale: float) -> Iterator[float]:
     soft = scene.stiffened(scale)
     limit = WITHIN * min(largest_stable_step(soft), largest_stable_step(closed.stiffened(scale)))
     duration = collision(soft)
-    yield from (float(f"{part * duration:.6g}") for part in STEPS if part * duration <= limit)
+    yield from (float(f"{fraction * duration:.6g}") for fraction in STEPS if fraction * duration <= limit)

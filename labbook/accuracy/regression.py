@@ -193,12 +193,12 @@ def curved(p: Sequence[float], level: float = 0.05) -> list[bool]:
         p: `curvature_p` of each scene; NaN counts as linear.
         level: Familywise error rate.
     """
-    tested = sorted((value, place) for place, value in enumerate(p) if not math.isnan(value))
+    tested = sorted((value, index) for index, value in enumerate(p) if not math.isnan(value))
     decisions = [False] * len(p)
-    for rank, (value, place) in enumerate(tested):
+    for rank, (value, index) in enumerate(tested):
         if value * (len(tested) - rank) >= level:
             break
-        decisions[place] = True
+        decisions[index] = True
     return decisions
 
 
@@ -232,9 +232,9 @@ def _fit_fillings(
     freedom = len(beds) - 1 - int(varied.sum())
     if freedom < 1:
         raise ValueError("too few beds: several seeds of each setting are needed")
-    rest = float(np.sum((y - x @ slopes) ** 2)) / freedom
-    covariance[np.ix_(varied, varied)] = rest * inverse
+    residual = float(np.sum((y - x @ slopes) ** 2)) / freedom
+    covariance[np.ix_(varied, varied)] = residual * inverse
     # a residual mean over n runs keeps 1/n of the variance within beds
     share = float(np.mean([1 / len(runs) for runs in beds.values()]))
-    between = math.sqrt(max(0.0, rest - share * within**2) + within**2)
+    between = math.sqrt(max(0.0, residual - share * within**2) + within**2)
     return slopes, covariance, by_slopes, between

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from labbook import html
 from labbook.accuracy import BESIDE, extend, write
-from labbook.api.progress import counted, watching
+from labbook.api.progress import count_display, watching
 from labbook.api.results import Results
 from labbook.backend import Backend, Unsupported, load_to_plan
 from labbook.backend import load as load_backend
@@ -42,7 +42,7 @@ from labbook.study import Study
 from labbook.study.pilot import first_needed, whole
 from labbook.study.problems import grouped
 from labbook.study.source import given_path
-from labbook.warning import by_a_verb, warn
+from labbook.warning import RenamedAttribute, called_by_command, warn
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -77,12 +77,13 @@ class Lab:
     folder: Path | str = DEFAULT
     backend: str = "numba"
     device: str = "cpu"
+    place = RenamedAttribute("lab_folder")
 
     def __post_init__(self):
         object.__setattr__(self, "folder", given_path(self.folder, "labbook.Lab: folder"))
 
     @property
-    def place(self) -> LabFolder:
+    def lab_folder(self) -> LabFolder:
         """The folder, with methods for the places in it."""
         return LabFolder(Path(self.folder))
 
@@ -146,7 +147,7 @@ class Lab:
             Unsupported: As in `plan`, whose further errors except TooLarge are raised too, before anything runs.
         """
         _is_study(study)
-        part = WHOLE if shard is None else Shard.parse(shard)
+        own_shard = WHOLE if shard is None else Shard.parse(shard)
         base_lab = None if base is None else LabFolder(given_path(base, "base"))
         backend, plain = load_backend(self.backend), isinstance(progress, bool)
         with watching(progress) as watcher, _in_python():
@@ -156,16 +157,16 @@ class Lab:
             for line in () if progress is False else self._forewarned(study, backend):
                 watcher.tell(line)
             if cluster is not None:
-                summary = Cluster(study, self.place, self.backend, cluster, self.device, watcher=watcher).run()
+                summary = Cluster(study, self.lab_folder, self.backend, cluster, self.device, watcher=watcher).run()
             else:
                 first, *more_devices = parse_devices(self.device, backend)
                 options = (checkpoint_every, watcher)
                 if more_devices:
                     runner = MultiDeviceRunner(
-                        study, self.place, self.backend, (first, *more_devices), *options, part, base_lab
+                        study, self.lab_folder, self.backend, (first, *more_devices), *options, own_shard, base_lab
                     )
                 else:
-                    runner = Runner(study, self.place, backend, first, *options, shard=part, base=base_lab)
+                    runner = Runner(study, self.lab_folder, backend, first, *options, shard=own_shard, base=base_lab)
                 summary = runner.run()
             summary = replace(summary, study=summary.study or study)
             if study.record is not None and study.record.film and not summary.stopped:
@@ -189,7 +190,7 @@ class Lab:
         try:
             return forewarn_lines()
         except NoCatalogue:
-            index = Index(self.place)  # to run makes the index of a lab without one, where a plan only looks
+            index = Index(self.lab_folder)  # to run makes the index of a lab without one, where a plan only looks
             index.close()
             return (*(f"Unreadable: {problem}" for problem in index.report.problems), *forewarn_lines())
 
@@ -201,17 +202,21 @@ class Lab:
             if run.entry.coverage is None or run.entry.coverage.recording is None:
                 continue
             try:
-                path = path_of(self.place.folder / "films", run.record, study.name, run.point, "-layers.webp")
+                path = path_of(self.lab_folder.folder / "films", run.record, study.name, run.point, "-layers.webp")
                 watcher.tell(f"Film: {of_run(run.folder, path, study.name, run.point)}")
             except (Unreadable, NotRecorded, OSError) as problem:
                 watcher.tell(f"No film of {run.point.label}, {run.repeat}: {problem}")
 
     def _piloted(self, study: Study, needed: Study, watcher: Watcher, whole: bool) -> Study:
         """The study with numerics chosen by its pilot. whole: whether all of its runs are to be made here."""
-        verb = by_a_verb()
-        skip = "--no-pilot" if verb else "pilot=False"
+        by_command = called_by_command()
+        skip = "--no-pilot" if by_command else "pilot=False"
         if not whole:
-            first = command("pilot", study.path, lab=self.folder, backend=self.backend) if verb else "lab.pilot(study)"
+            first = (
+                command("pilot", study.path, lab=self.folder, backend=self.backend)
+                if by_command
+                else "lab.pilot(study)"
+            )
             raise PilotNeeded(f"{study.name} needs a pilot for all parts: give {first} first, or {skip}")
         runs = len(needed.points) * needed.replicates
         watcher.tell(f"Such scenes are not calibrated: a pilot of {runs} runs comes first ({skip} skips it)")
@@ -222,7 +227,9 @@ class Lab:
         except NotCalibrated as problem:
             watcher.tell(f"The pilot gave no calibration: {problem}. The default step is used; its bias is unknown")
             return study
-        planned = command("plan", study.path, lab=self.folder, backend=self.backend) if verb else "lab.plan(study)"
+        planned = (
+            command("plan", study.path, lab=self.folder, backend=self.backend) if by_command else "lab.plan(study)"
+        )
         watcher.tell(f"The pilot wrote {study.calibration_file}. To see the chosen numerics: {planned}")
         return study
 
@@ -230,7 +237,7 @@ class Lab:
         """File into which the pilot of a study writes its calibration: beside the study's file, else in the lab."""
         if study.source:
             return study.path.with_suffix(BESIDE)
-        return (self.place.studies / f"{study.name}{BESIDE}").resolve()
+        return (self.lab_folder.studies / f"{study.name}{BESIDE}").resolve()
 
     def _calibrated(self, study: Study) -> Study:
         """The study with the numerics that its pilot has made possible, if it had one since the study was read."""
@@ -302,8 +309,8 @@ class Lab:
         _is_study(study)
         if not Path(self.folder).exists():
             warn(f"there is no lab {self.folder} yet, so that it has no runs")
-        with self._catalogue() as catalogue, counted(progress, "evaluating runs") as count:
-            kind = partial(Results, place=self.place, backend=self.backend)
+        with self._catalogue() as catalogue, count_display(progress, "evaluating runs") as count:
+            kind = partial(Results, lab_folder=self.lab_folder, backend=self.backend)
             results = find(self._calibrated(study), catalogue, self.backend, count, kind)
         for problem in grouped(results.unreadable):
             warn(f"left out: {problem}")
@@ -362,7 +369,7 @@ class Lab:
 
     @contextmanager
     def _catalogue(self) -> Iterator[Catalogue]:
-        catalogue = Catalogue(self.place)
+        catalogue = Catalogue(self.lab_folder)
         try:
             yield catalogue
         finally:
@@ -397,7 +404,7 @@ def _in_python() -> Iterator[None]:
     try:
         yield
     except Unsupported as problem:
-        if by_a_verb():
+        if called_by_command():
             raise
         remedy = _OPTION.sub(lambda match: f"{match[1]}={match[2]!r}", problem.remedy).replace("--", "")
         raise Unsupported(problem.key.removeprefix("--"), remedy) from problem

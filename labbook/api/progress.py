@@ -13,11 +13,11 @@ class Quiet(NullWatcher):
     """A watcher that shows nothing; messages that must not be missed become warnings at the line of the user's code."""
 
     def __init__(self):
-        self._place = caller()  # lines are told from threads of their own
+        self._caller = caller()  # lines are told from threads of their own
 
     def tell(self, line: str) -> None:
         """Warn of it."""
-        warn(line, self._place)
+        warn(line, self._caller)
 
 
 def watching(progress: bool | Watcher) -> AbstractContextManager[Watcher]:
@@ -34,7 +34,7 @@ def watching(progress: bool | Watcher) -> AbstractContextManager[Watcher]:
 
 
 @contextmanager
-def counted(progress: bool | Callable[[int], None], title: str) -> Iterator[Callable[[int], None]]:
+def count_display(progress: bool | Callable[[int], None], title: str) -> Iterator[Callable[[int], None]]:
     """Show a number of finished runs while a context lasts.
 
     Args:

@@ -38,6 +38,7 @@ from labbook.study import Point
 from labbook.study.problems import instead
 from labbook.study.source import given_path
 from labbook.study.stated import LawName, Swept
+from labbook.warning import RenamedAttribute
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,11 +55,12 @@ class Results(StudyResults):
     """Results of a study, with its tables, figures and files.
 
     Args:
-        place: Folder of the lab that has the runs.
+        lab_folder: Folder of the lab that has the runs.
         backend: Name of the backend that made the runs.
     """
 
-    place: LabFolder = field(kw_only=True)
+    lab_folder: LabFolder = field(kw_only=True)
+    place = RenamedAttribute("lab_folder")
     backend: str = field(kw_only=True)
 
     def frame(self) -> "pd.DataFrame":
@@ -248,7 +250,7 @@ class Results(StudyResults):
     def runs(self) -> tuple[Run, ...]:
         """All runs, ordered by point, seed and discharge."""
         return tuple(
-            Run(run.run, run.measured, run.measures, run.window, run.counted, self.study, self.place)
+            Run(run.run, run.measured, run.measures, run.window, run.counted, self.study, self.lab_folder)
             for p in self.points
             for run in p.runs
         )
@@ -356,7 +358,7 @@ class Results(StudyResults):
         there = self._folder(folder, "exports")
         paths = write_numbers(self, there, kind, every, headings)
         if packings:
-            paths += write_packings(self, self.place, there / "packings", say, facets)
+            paths += write_packings(self, self.lab_folder, there / "packings", say, facets)
         if walls:
             paths += write_walls(self.study, there / "walls", facets)
         return paths + (write_recordings(self, there / "vtk", say) if vtk else [])
@@ -364,11 +366,11 @@ class Results(StudyResults):
     def _folder(self, folder: Path | str | None, kind: str) -> Path:
         """The folder that was given for files, or that of this study in the lab."""
         if folder is None:
-            return self.place.folder / kind / self.study.name
+            return self.lab_folder.folder / kind / self.study.name
         return given_path(folder, f"results.{kind.removesuffix('s')}: folder")
 
     def __repr__(self) -> str:
-        head = f"<Results of {self.study.name} on {self.backend} in {self.place.folder}: "
+        head = f"<Results of {self.study.name} on {self.backend} in {self.lab_folder.folder}: "
         lines = [
             head + ("no finished run; lab.run(study) makes them>" if not self.points else f"{len(self.runs)} runs>")
         ]

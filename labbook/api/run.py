@@ -20,6 +20,7 @@ from labbook.results import display
 from labbook.results.points import RunResult
 from labbook.stats import Measured
 from labbook.study import Point, Study
+from labbook.warning import RenamedAttribute
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,11 +51,12 @@ class Run(RunResult):
 
     Args:
         study: Study whose result it is.
-        place: Folder of the lab that has it.
+        lab_folder: Folder of the lab that has it.
     """
 
     study: Study
-    place: LabFolder
+    lab_folder: LabFolder
+    place = RenamedAttribute("lab_folder")
 
     @property
     def point(self) -> Point:
@@ -126,7 +128,7 @@ class Run(RunResult):
             NotRecorded: The run kept no frames.
             ViewerMissing: rerun is not installed.
         """
-        return of_run(self.folder, self.place.folder, self.study.name, self.point)
+        return of_run(self.folder, self.lab_folder.folder, self.study.name, self.point)
 
     def film(
         self, path: Path | str | None = None, *, colour: str = "layers", seconds: float = SECONDS, size: int = SIZE
@@ -150,7 +152,9 @@ class Run(RunResult):
         name, point = self.study.name, self.point
         record = RunRecord.read(self.folder)
         out = (
-            path_of(self.place.folder / "films", record, name, point, f"-{colour}.webp") if path is None else Path(path)
+            path_of(self.lab_folder.folder / "films", record, name, point, f"-{colour}.webp")
+            if path is None
+            else Path(path)
         )
         return FilmPath(film(shot_of_run(self.folder, colour, name, point), out, seconds=seconds, size=size).path)
 

@@ -22,7 +22,7 @@ from labbook.campaign.strategy import (
     Proposal,
     Strategy,
     Trial,
-    place,
+    point_key,
 )
 from labbook.campaign.transition import Transition
 
@@ -49,5 +49,5 @@ __all__ = [
     "Strategy",
     "Transition",
     "Trial",
-    "place",
+    "point_key",
 ]

@@ -20,7 +20,7 @@ import numpy as np
 from labbook.campaign.goal import SCATTER, Goal, Step
 from labbook.campaign.inference import ALLOWED_SHARE, REGION, Inference, Measurement, NotInferred
 from labbook.campaign.space import Axis, one_bed_more, sobol
-from labbook.campaign.strategy import Assignment, Proposal, Trial, place
+from labbook.campaign.strategy import Assignment, Proposal, Trial, point_key
 from labbook.scene.model import Internal, Model
 from labbook.scene.quantities import percent
 from labbook.stats.emulator import best_settings, check_installed
@@ -70,7 +70,7 @@ class Calibrate(Goal):
     name: ClassVar[str] = "calibrate"
     testing: ClassVar[int] = _TESTING
     beds: ClassVar[int] = _BEDS
-    places: ClassVar[str] = "parameter sets"
+    point_noun: ClassVar[str] = "parameter sets"
 
     parameters: Annotated[dict[str, Prior], Internal()]
     """Priors by key."""
@@ -94,7 +94,7 @@ class Calibrate(Goal):
     def conditions(self) -> list[dict[str, float]]:
         """Conditions of the runs, each once."""
         every = [*(entry.at for entry in self.measurements), *self.predict]
-        return list({place(at): dict(at) for at in every}.values())
+        return list({point_key(at): dict(at) for at in every}.values())
 
     def infer(self, study: Any, trials: Sequence[Trial], unmeasured: Sequence[str] = ()) -> Inference:
         """Compute the posterior from runs.
@@ -113,7 +113,7 @@ class Calibrate(Goal):
 
     def plan_rule(self, study: Any) -> str:
         """State the end of the campaign, and the expected number of runs."""
-        errors = " and ".join(f"{key} to {percent(part)}" for key, part in self.accuracy.items())
+        errors = " and ".join(f"{key} to {percent(fraction)}" for key, fraction in self.accuracy.items())
         used = sum(not entry.withheld for entry in self.measurements)
         reached = " and these errors are reached, or cannot be" if errors else ""
         return (
@@ -196,7 +196,7 @@ class Calibrate(Goal):
 
     def _round(self, inference: Inference, trials: Sequence[Trial]) -> list[dict[str, float]]:
         """Choose the runs of the next round."""
-        over, conditions = round(_ALL_OVER * self.batch), self.conditions
+        spread_runs, conditions = round(_ALL_OVER * self.batch), self.conditions
         sets = self._region(inference, max(16, _CANDIDATES // len(conditions)), len(trials))
         candidates = [(entry, at) for entry in sets for at in conditions]
         covariances, noises, weights = [], [], []
@@ -209,14 +209,14 @@ class Calibrate(Goal):
             # errors of the emulator count in units of the error of each measurement; conditions without one have no
             # weight
             weight = {
-                place(entry.at): 1 / inference.variance(entry)
+                point_key(entry.at): 1 / inference.variance(entry)
                 for entry in self.measurements
                 if entry.quantity == quantity and not entry.withheld
             }
-            weights.append(np.array([weight.get(place(at), 0.0) for _, at in candidates]))
-        picks = best_settings(covariances, noises, weights, self.batch - over)
-        rest = self._settings(sobol(over, len(self.parameters) + 1, skip=len(trials)))
-        return [*(self._at(*candidates[index]) for index in picks), *rest]
+            weights.append(np.array([weight.get(point_key(at), 0.0) for _, at in candidates]))
+        picks = best_settings(covariances, noises, weights, self.batch - spread_runs)
+        spread = self._settings(sobol(spread_runs, len(self.parameters) + 1, skip=len(trials)))
+        return [*(self._at(*candidates[index]) for index in picks), *spread]
 
     def _lacks_beds(self, inference: Inference) -> bool:
         """True if beds that points share make most of the variance of the emulator that is worst.
@@ -232,7 +232,7 @@ class Calibrate(Goal):
     def _central(self, inference: Inference, trials: Sequence[Trial]) -> tuple[dict[str, float], int]:
         """Find the point of the runs nearest to the mean of the posterior, and its number of beds."""
         off = {
-            place(trial.at): sum(
+            point_key(trial.at): sum(
                 float(axis.unit(float(trial.at[axis.key])) - mean) ** 2
                 for axis, mean in zip(self.axes, inference.posterior.mean, strict=True)
             )
@@ -240,13 +240,13 @@ class Calibrate(Goal):
             if trial.outcome not in ("clogged", "diverged")
         }
         nearest = min(off, key=lambda at: off[at])
-        beds = max(trial.seed for trial in trials if place(trial.at) == nearest)
+        beds = max(trial.seed for trial in trials if point_key(trial.at) == nearest)
         return {key: float(value) for key, value in nearest}, beds
 
     def _region(self, inference: Inference, number: int, stream: int) -> np.ndarray:
         """Select parameter sets that fill the region of the posterior, shape [number, p]."""
         posterior = inference.posterior
-        inside = posterior.places[posterior.region(REGION)]
+        inside = posterior.parameter_sets[posterior.region(REGION)]
         # seeded by the number of runs: a resumed campaign proposes the same
         rng = np.random.default_rng([stream, 7])
         sets = inside[np.linspace(0, len(inside) - 1, number).round().astype(int)]
@@ -256,9 +256,9 @@ class Calibrate(Goal):
     def _held_out(self, inference: Inference, trials: Sequence[Trial], progress: str) -> Step:
         sets = inference.draws()[:: len(inference.draws()) // _TESTING][:_TESTING]
         conditions = self.conditions
-        tried = {place(trial.at) for trial in trials}
+        tried = {point_key(trial.at) for trial in trials}
         points = [self._at(entry, conditions[index % len(conditions)]) for index, entry in enumerate(sets)]
-        new = {place(at): Assignment(at, 1) for at in points if place(at) not in tried}
+        new = {point_key(at): Assignment(at, 1) for at in points if point_key(at) not in tried}
         return Step(
             Proposal(tuple(new.values()), f"{progress}; {len(new)} runs are held out to test the emulator"), True
         )
@@ -281,12 +281,12 @@ class Calibrate(Goal):
 
     def _reached(self, inference: Inference) -> bool:
         intervals = inference.intervals()
-        return all(intervals[key].relative <= part for key, part in self.accuracy.items())
+        return all(intervals[key].relative <= fraction for key, fraction in self.accuracy.items())
 
     def _reachable(self, inference: Inference) -> bool:
         """True if emulators without error would reach the stated errors."""
         best = inference.intervals(inference.exact)
-        return all(best[key].relative <= part for key, part in self.accuracy.items())
+        return all(best[key].relative <= fraction for key, fraction in self.accuracy.items())
 
     def _in_words(self, inference: Inference) -> str:
         return ", ".join(

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from labbook.campaign.registry import STRATEGIES
-from labbook.campaign.strategy import Assignment, Generation, History, Proposal, Strategy, Trial, place
+from labbook.campaign.strategy import Assignment, Generation, History, Proposal, Strategy, Trial, point_key
 
 Evaluate = Callable[[Generation], tuple[Trial, ...] | None]
 """Function that returns the finished runs of a generation; None while some are missing."""
@@ -90,8 +90,8 @@ class Campaign:
         points: dict[tuple, Assignment] = {}
         for generation in self.generations:
             for assignment in generation.assignments:
-                had = points.get(place(assignment.at), assignment)
-                points[place(assignment.at)] = replace(had, replicates=max(had.replicates, assignment.replicates))
+                had = points.get(point_key(assignment.at), assignment)
+                points[point_key(assignment.at)] = replace(had, replicates=max(had.replicates, assignment.replicates))
         return list(points.values())
 
     @property

@@ -27,7 +27,7 @@ from labbook.campaign.goal import (
     rounded,
     spread,
 )
-from labbook.campaign.strategy import Assignment, Proposal, Trial, Values, place
+from labbook.campaign.strategy import Assignment, Proposal, Trial, Values, point_key
 from labbook.fit.interpolation import Interpolation, trend_of_outlets
 from labbook.measure import MEASURES
 from labbook.scene.model import Fault, Internal, refuse
@@ -157,7 +157,7 @@ class Find(Goal):
                 )
                 return Step(Proposal(extended, f"{why}; {self.beds} beds more at each"))
             return Step(Proposal.end(f"{why}; change `sweep`"))
-        x, beds = self._place(curve, runs, root)
+        x, beds = self._next_setting(curve, runs, root)
         half = _half_width(curve, root, len(runs))
         progress = f"{self._amount(self.target)} at {self._setting(study, root)} (95 %: {ends}), known to "
         progress += f"±{percent(half, '.2f')} from {len(runs)} beds"
@@ -214,9 +214,9 @@ class Find(Goal):
     def _values(self, trials: Sequence[Trial]) -> list[tuple[float, float, int]]:
         """Collect setting, quantity and seed of each bed, for points at which few runs clogged."""
         lost, points = clogged_places(trials), dict[float, list[tuple[int, float]]]()
-        for trial in sorted(trials, key=lambda trial: (place(trial.at), trial.seed, trial.discharge)):
+        for trial in sorted(trials, key=lambda trial: (point_key(trial.at), trial.seed, trial.discharge)):
             value = trial.numbers.get(self.quantity, math.nan)
-            if place(trial.at) not in lost and value > 0:
+            if point_key(trial.at) not in lost and value > 0:
                 points.setdefault(float(trial.at[self.key]), []).append((trial.seed, value))
         beds = ((x, by_bed(values)) for x, values in points.items())
         return [(x, value, seed) for x, of in beds for seed, value in zip(of, of_beds(of), strict=True)]
@@ -241,7 +241,9 @@ class Find(Goal):
         ends = (self._setting(study, end) if math.isfinite(end) else "beyond the range" for end in setting.ends)
         return setting.value, " to ".join(ends)
 
-    def _place(self, curve: Interpolation, runs: Sequence[tuple[float, float, int]], root: float) -> tuple[float, int]:
+    def _next_setting(
+        self, curve: Interpolation, runs: Sequence[tuple[float, float, int]], root: float
+    ) -> tuple[float, int]:
         """Choose the setting of the next beds.
 
         It is the point with most beds among those near enough to the target; without one the root, rounded.
@@ -252,8 +254,8 @@ class Find(Goal):
         beds = Counter(x for x, _, _ in runs)
         off = dict(zip(beds, abs(curve.band(np.array([*beds]))[0] / self.target - 1), strict=True))
         half = dict(zip(beds, curve.at(np.array([*beds]))[1], strict=True))
-        enough = float(curve.at(np.array([root]))[1][0]) / _SHARED
-        near = [x for x in beds if off[x] <= _NEAR * self.within and half[x] >= enough]
+        least_half_width = float(curve.at(np.array([root]))[1][0]) / _SHARED
+        near = [x for x in beds if off[x] <= _NEAR * self.within and half[x] >= least_half_width]
         if near:
             x = max(near, key=lambda x: (beds[x], -off[x]))
             return x, beds[x]

@@ -26,7 +26,7 @@ from labbook.campaign.goal import (
     rounded,
     spread,
 )
-from labbook.campaign.strategy import Assignment, Proposal, Trial, Values, place
+from labbook.campaign.strategy import Assignment, Proposal, Trial, Values, point_key
 from labbook.fit import LAWS, Context, FitError, FitResult, fit, law_name
 from labbook.fit.profile import derivative
 from labbook.scene.model import Fault, Internal, refuse
@@ -68,7 +68,7 @@ class FitLaw(Goal):
     """
 
     name: ClassVar[str] = "fit"
-    places: ClassVar[str] = "outlets"
+    point_noun: ClassVar[str] = "outlets"
     testing: ClassVar[int] = 2 * HELD_OUT
 
     law: Annotated[str, Internal()]
@@ -90,20 +90,20 @@ class FitLaw(Goal):
             refuse([Fault(str(law), "there is no such law", f"name one of: {', '.join(LAWS)}")])
         if not isinstance(errors, Mapping) or not errors:
             refuse([Fault(law, "errors of parameters are needed", _EXAMPLE)])
-        faults, parts = [], {}
-        for name, part in errors.items():
+        faults, fractions = [], {}
+        for name, fraction in errors.items():
             if name not in LAWS[law].parameters:
                 names = ", ".join(LAWS[law].parameters)
                 faults.append(Fault(f"{law}.{name}", "the law has no such parameter", f"name one of: {names}"))
             try:
-                parts[name] = parse(part, "") if isinstance(part, str) else float(part)
+                fractions[name] = parse(fraction, "") if isinstance(fraction, str) else float(fraction)
             except (ValueError, TypeError) as error:
-                faults.append(Fault(f"{law}.{name}", f"{part}: {error}", _EXAMPLE))
+                faults.append(Fault(f"{law}.{name}", f"{fraction}: {error}", _EXAMPLE))
             else:
-                if not 1e-4 <= parts[name] < 1:
+                if not 1e-4 <= fractions[name] < 1:
                     faults.append(Fault(f"{law}.{name}", "a part from 0.0001 to 1 is needed", "write 2 %"))
         refuse(faults)
-        return {"law": law, "errors": parts}
+        return {"law": law, "errors": fractions}
 
     def range_faults(self, points: Sequence[Any]) -> list[Fault]:
         """List faults of the range of a study."""
@@ -167,7 +167,7 @@ class FitLaw(Goal):
                 f"{self.law} misses the points (p = {result.p_value:.1g}), so that its parameters do not describe them"
             )
             return Step(Proposal.end(f"{why}: {progress}"))
-        if all(halves[name] <= part for name, part in self.errors.items()):
+        if all(halves[name] <= fraction for name, fraction in self.errors.items()):
             return self._held_out(points, trials, progress)
         cap = study.accuracy.max_replicates
         target = np.minimum(self._allocation(result, n), cap)
@@ -222,7 +222,7 @@ class FitLaw(Goal):
         return f"{answer}. Promise {word}: {HELD_OUT} held-out beds at each end lie off the law by {off}"
 
     def _wishes(self) -> str:
-        return " and ".join(f"{name} to {percent(part)}" for name, part in self.errors.items())
+        return " and ".join(f"{name} to {percent(fraction)}" for name, fraction in self.errors.items())
 
     def _range(self, points: Sequence[Any]) -> tuple[float, float]:
         """Range of the sweep in which the law is meant to hold [m]."""
@@ -273,22 +273,22 @@ class FitLaw(Goal):
         J, slopes, inner = self._sensitivities(law, free, context, D), self._relative(law, free, context), len(D) - 2
         best = math.inf, np.full(len(D), 1 / len(D))
         for split in _SPLITS:
-            part = np.full(len(D), _INSIDE / inner)
-            part[[0, -1]] = (1 - _INSIDE) * np.array([split, 1 - split])
+            fraction = np.full(len(D), _INSIDE / inner)
+            fraction[[0, -1]] = (1 - _INSIDE) * np.array([split, 1 - split])
             # covariance of the parameters for one bed in all; it falls as 1/beds
-            covariance = np.linalg.inv(J.T @ (J * part[:, None])) * scatter**2
+            covariance = np.linalg.inv(J.T @ (J * fraction[:, None])) * scatter**2
             halves = [t * math.sqrt(covariance[index, index]) * abs(slope) / self.errors[name]
                       for name, (index, slope) in slopes.items()]  # fmt: skip
-            best = min(best, (max(halves) ** 2, part), key=lambda pair: pair[0])
+            best = min(best, (max(halves) ** 2, fraction), key=lambda pair: pair[0])
         return best
 
     def _allocation(self, result: FitResult, n: np.ndarray) -> np.ndarray:
         """Number of beds at each outlet after the next generation, shape [n]."""
         scatter = math.sqrt(float(np.mean(result.relative_error**2 * n)))
         t = _reach(result) * result.widening * float(widening(int(n.sum())))
-        needed, part = self._needed(result.law, result.best, result.context, result.D, scatter, t)
+        needed, fraction = self._needed(result.law, result.best, result.context, result.D, scatter, t)
         number = min(max(needed, n.sum() + 4), _GROWTH * n.sum())
-        return np.maximum(n, np.ceil(part * number))
+        return np.maximum(n, np.ceil(fraction * number))
 
     def _expected(self, study: Any) -> int:
         """Expected number of beds before there is any, by the law with the parameters of Beverloo's at k = 1.4."""
@@ -327,9 +327,9 @@ def _reach(result: FitResult) -> float:
 def _points(trials: Sequence[Trial]) -> list[Point]:
     """Collect flow rates of beds by outlet, for outlets at which few runs clogged."""
     lost, points = clogged_places(trials), dict[float, list[tuple[int, float]]]()
-    for trial in sorted(trials, key=lambda trial: (place(trial.at), trial.seed, trial.discharge)):
+    for trial in sorted(trials, key=lambda trial: (point_key(trial.at), trial.seed, trial.discharge)):
         value = trial.numbers.get(_FLOW, math.nan)
-        if place(trial.at) not in lost and value > 0:
+        if point_key(trial.at) not in lost and value > 0:
             points.setdefault(float(trial.at[ORIFICE]), []).append((trial.seed, value))
     return [(D, of_beds(by_bed(values))) for D, values in sorted(points.items())]
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
-from labbook.campaign.strategy import Assignment, Generation, History, Proposal, Strategy, Trial, Values, place
+from labbook.campaign.strategy import Assignment, Generation, History, Proposal, Strategy, Trial, Values, point_key
 from labbook.fit.interpolation import CLOGGED
 from labbook.scene.model import Fault, Internal, Model, refuse
 from labbook.scene.quantities import Duration, duration, whole
@@ -82,7 +82,7 @@ class DeviceTime:
         # by key: runs of one bed share its filling
         times = {key: time for trial in runs for key, time in trial.device_time.items() if time is not None}
         complete = [trial for trial in runs if trial.device_time and None not in trial.device_time.values()]
-        beds = {(place(trial.at), trial.seed) for trial in complete}
+        beds = {(point_key(trial.at), trial.seed) for trial in complete}
         return cls(sum(times.values()), len(beds), len(runs) - len(complete))
 
     def in_words(self, budget: float) -> str:
@@ -113,7 +113,7 @@ class Goal(Strategy):
     Attributes:
         testing: Number of held-out beds, at all points together.
         beds: Beds of each point of the start.
-        places: Word for the points of the start.
+        point_noun: Word for the points of the start.
         budget: Largest number of runs, stated beside the goal; None: no limit.
         device_time: Largest device time [s], stated in the same way. It ends a campaign and has no influence on points.
     """
@@ -121,7 +121,7 @@ class Goal(Strategy):
     ahead: ClassVar[int] = 0
     testing: ClassVar[int] = HELD_OUT
     beds: ClassVar[int] = 2
-    places: ClassVar[str] = "points"
+    point_noun: ClassVar[str] = "points"
 
     budget: Annotated[int | None, Internal()] = None
     """Largest number of runs, stated beside the goal."""
@@ -162,7 +162,7 @@ class Goal(Strategy):
         """Propose the first generation: all its points, with equal numbers of beds."""
         points = self.first(study)
         assignments = tuple(Assignment(at, self.beds) for at in points)
-        return Proposal(assignments, f"{len(points)} {self.places} over the range, with {self.beds} beds each")
+        return Proposal(assignments, f"{len(points)} {self.point_noun} over the range, with {self.beds} beds each")
 
     def obstacles(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
         """Yield faults of a study: of its range, of its measures, and further ones of this goal."""
@@ -203,8 +203,8 @@ class Goal(Strategy):
 
         They are at points that no earlier run has, or of beds that no earlier run at any point has.
         """
-        points, seed = {place(trial.at) for trial in trials}, max(trial.seed for trial in trials)
-        return [trial for trial in latest if trial.seed > seed or place(trial.at) not in points]
+        points, seed = {point_key(trial.at) for trial in trials}, max(trial.seed for trial in trials)
+        return [trial for trial in latest if trial.seed > seed or point_key(trial.at) not in points]
 
     @abstractmethod
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
@@ -269,9 +269,9 @@ def _trials(generations: Sequence[Generation]) -> list[Trial]:
 
 def new_beds(assignments: Sequence[Assignment], trials: Sequence[Trial]) -> int:
     """Count the beds of assignments that have no run yet."""
-    there = {(place(trial.at), trial.seed) for trial in trials}
+    there = {(point_key(trial.at), trial.seed) for trial in trials}
     proposed = {
-        (place(assignment.at), seed) for assignment in assignments for seed in range(1, assignment.replicates + 1)
+        (point_key(assignment.at), seed) for assignment in assignments for seed in range(1, assignment.replicates + 1)
     }
     return len(proposed - there)
 
@@ -285,9 +285,9 @@ def held_out(at: Any, trials: Sequence[Trial], reason: str) -> Step:
 
 
 def clogged_places(trials: Sequence[Trial]) -> set[tuple]:
-    """Points, by `place`, at which so many runs clogged that the others are a biased sample."""
-    runs = Counter(place(trial.at) for trial in trials)
-    clogged = Counter(place(trial.at) for trial in trials if trial.outcome == "clogged")
+    """Points, by `point_key`, at which so many runs clogged that the others are a biased sample."""
+    runs = Counter(point_key(trial.at) for trial in trials)
+    clogged = Counter(point_key(trial.at) for trial in trials if trial.outcome == "clogged")
     return {at for at, number in clogged.items() if number > CLOGGED * runs[at]}
 
 

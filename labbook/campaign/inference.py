@@ -117,11 +117,11 @@ class Direction:
     """Direction of the parameter space with its remaining uncertainty.
 
     Args:
-        parts: Change of each parameter [of its prior range], a vector of length 1.
+        components: Change of each parameter [of its prior range], a vector of length 1.
         remaining: Standard deviation of the posterior along it, over that of the prior.
     """
 
-    parts: Mapping[str, float]
+    components: Mapping[str, float]
     remaining: float
 
 
@@ -202,15 +202,15 @@ class Inference:
         """Posterior if these emulators had no error: further runs lead to one as narrow."""
         return posterior(lambda places: self._log_likelihood(places, False), len(self.parameters))
 
-    def log_likelihood(self, places: np.ndarray) -> np.ndarray:
+    def log_likelihood(self, parameter_sets: np.ndarray) -> np.ndarray:
         """Compute ln of the likelihood at k parameter sets, shape [k, p]: shape [k]."""
-        return self._log_likelihood(places, True)
+        return self._log_likelihood(parameter_sets, True)
 
-    def _log_likelihood(self, places: np.ndarray, emulated: bool) -> np.ndarray:
-        total = np.zeros(len(places))
+    def _log_likelihood(self, parameter_sets: np.ndarray, emulated: bool) -> np.ndarray:
+        total = np.zeros(len(parameter_sets))
         for quantity, group in self._groups.items():
             # errors of the emulator at one parameter set are correlated across conditions: they do not average out
-            mean, covariance = self.joint(quantity, places, [entry.at for entry in group])
+            mean, covariance = self.joint(quantity, parameter_sets, [entry.at for entry in group])
             of_data = np.diag([self.variance(entry) for entry in group])
             total += _log_normal(self._targets(group) - mean, covariance * emulated + of_data)
         return total
@@ -220,16 +220,16 @@ class Inference:
         return (entry.error / entry.value) ** 2 + self.discrepancy**2
 
     def joint(
-        self, quantity: str, places: np.ndarray, at: Sequence[Mapping[str, float]]
+        self, quantity: str, parameter_sets: np.ndarray, at: Sequence[Mapping[str, float]]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Emulate the logarithm of a quantity, up to its trend, at k parameter sets and m conditions.
 
         Returns:
             Means, shape [k, m], and covariances within each set, shape [k, m, m].
         """
-        k, m, p = len(places), len(at), len(self.parameters)
+        k, m, p = len(parameter_sets), len(at), len(self.parameters)
         settings = np.empty((k, m, p + len(self.conditions)))
-        settings[:, :, :p] = places[:, None, :]
+        settings[:, :, :p] = parameter_sets[:, None, :]
         for index, axis in enumerate(self.conditions):
             settings[:, :, p + index] = [float(axis.unit(entry[axis.key])) for entry in at]
         return self.emulators[quantity].joint(settings)
@@ -270,8 +270,8 @@ class Inference:
         # 1/12 is the variance of the uniform prior: eigenvalues are variances over that of the prior
         values, vectors = np.linalg.eigh(12 * self.posterior.covariance)
         vector = vectors[:, -1] * (1 if vectors[np.argmax(abs(vectors[:, -1])), -1] > 0 else -1)
-        parts = {axis.key: float(part) for axis, part in zip(self.parameters, vector, strict=True)}
-        return Direction(parts, min(1.0, float(math.sqrt(values[-1]))))
+        components = {axis.key: float(component) for axis, component in zip(self.parameters, vector, strict=True)}
+        return Direction(components, min(1.0, float(math.sqrt(values[-1]))))
 
     def sobol_indices(self) -> dict[tuple[str, int], dict[str, tuple[float, float]]]:
         """Compute the parts of the variance over the prior that each parameter explains.
@@ -344,8 +344,8 @@ class Inference:
     def clogged(self) -> tuple[int, int]:
         """Count clogged runs, and all runs, at parameter sets within the region of the posterior."""
         edge = math.log(max(self.posterior.threshold(REGION), 1e-300))
-        places = np.array([self._place(trial) for trial in self.trials])
-        logs = self.log_likelihood(places)
+        parameter_sets = np.array([self._unit_position(trial) for trial in self.trials])
+        logs = self.log_likelihood(parameter_sets)
         inside = logs - self._largest >= edge
         stops = [trial.outcome == "clogged" for trial in self.trials]
         return int(np.sum(inside & np.array(stops))), int(inside.sum())
@@ -365,12 +365,12 @@ class Inference:
             )
         return ""
 
-    def _place(self, trial: Trial) -> np.ndarray:
+    def _unit_position(self, trial: Trial) -> np.ndarray:
         return np.array([float(axis.unit(float(trial.at[axis.key]))) for axis in self.parameters])
 
     @cached_property
     def _largest(self) -> float:
-        return float(self.log_likelihood(self.posterior.places[[int(np.argmax(self.posterior.density))]])[0])
+        return float(self.log_likelihood(self.posterior.parameter_sets[[int(np.argmax(self.posterior.density))]])[0])
 
     @cached_property
     def _groups(self) -> dict[str, list[Measurement]]:

@@ -16,7 +16,7 @@ from pydantic import model_validator
 
 from labbook.campaign.goal import SCATTER, Goal, Step
 from labbook.campaign.space import FEWEST_REPEATS, Axis, BedValues, SpaceTrend, one_bed_more, sobol
-from labbook.campaign.strategy import Assignment, Proposal, Trial, place
+from labbook.campaign.strategy import Assignment, Proposal, Trial, point_key
 from labbook.fit.interpolation import CLOGGED
 from labbook.measure import MEASURES
 from labbook.scene.model import Fault, Internal, refuse
@@ -81,12 +81,12 @@ class Map(Goal):
         over = [over] if isinstance(over, str) else over
         if not isinstance(over, list | tuple) or not over or not all(isinstance(key, str) for key in over):
             refuse([Fault("over", "a list of swept keys is needed", _EXAMPLE)])
-        error = _part(mapping[quantity], str(quantity), 1e-3)
+        error = _fraction(mapping[quantity], str(quantity), 1e-3)
         return {
             "quantity": quantity,
             "error": error,
             "over": tuple(over),
-            "on": _part(mapping.get("on", 0.95), "on", 0.1),
+            "on": _fraction(mapping.get("on", 0.95), "on", 0.1),
         }
 
     def range_faults(self, points: Sequence[Any]) -> Iterator[Fault]:
@@ -156,7 +156,11 @@ class Map(Goal):
         progress = f"{percent(self.error)} on {percent(reached)} of the range from {len(trials)} runs"
         if reached >= self.on:
             tested = self._settings(study, sobol(_TESTING, len(self.over), stream=6))
-            new = {place(at): Assignment(at, 1) for at in tested if place(at) not in {place(t.at) for t in trials}}
+            new = {
+                point_key(at): Assignment(at, 1)
+                for at in tested
+                if point_key(at) not in {point_key(t.at) for t in trials}
+            }
             reason = f"{progress}; {len(new)} runs are held out to test it"
             return Step(Proposal(tuple(new.values()), reason), holds_out=True)
         if not self.is_limited and len(trials) + BATCH > LIMIT:
@@ -165,7 +169,7 @@ class Map(Goal):
         # runs of one seed share their packing: this part of the variance falls with the number of seeds only
         if values.of_bed_means > 0.5 * (math.log1p(self.error) / _NORMAL) ** 2:
             middle = min(trials, key=lambda trial: (self._off(study, trial), trial.key))
-            beds = max(trial.seed for trial in trials if place(trial.at) == place(middle.at))
+            beds = max(trial.seed for trial in trials if point_key(trial.at) == point_key(middle.at))
             reason = f"{progress}, limited by what beds have in common: {BATCH} beds more in the middle"
             return Step(Proposal((Assignment(middle.at, beds + BATCH),), reason))
         candidates = sobol(_CANDIDATES, len(self.over), skip=len(trials), stream=7)
@@ -236,14 +240,14 @@ class Map(Goal):
         return sum((float(axis.unit(float(trial.at[axis.key]))) - 0.5) ** 2 for axis in self.axes(study))
 
 
-def _part(raw: Any, key: str, least: float) -> float:
+def _fraction(raw: Any, key: str, least: float) -> float:
     try:
-        part = parse(raw, "") if isinstance(raw, str) else float(raw)
+        fraction = parse(raw, "") if isinstance(raw, str) else float(raw)
     except (ValueError, TypeError):
-        part = math.nan
-    if not least <= part < 1:
+        fraction = math.nan
+    if not least <= fraction < 1:
         refuse([Fault(key, f"{raw}: a part from {least:g} to 1 is needed", "write 2 %")])
-    return part
+    return fraction
 
 
 _EXAMPLE = "write {flow_rate: 2 %, over: [contact.friction, container.angle], on: 95 %}"

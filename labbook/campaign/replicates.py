@@ -54,7 +54,9 @@ class Replicates(Strategy):
         design, pooled = self._design(decision, beds, there), decision.pooled
         if design != there:
             precision = "no flow rate yet" if pooled is None else f"W to {percent(pooled.relative, '.2f')}"
-            reason = f"{precision} with {_counted(there)}: {_counted(design)} in all{self._in_words(decision, beds)}"
+            reason = (
+                f"{precision} with {_design_text(there)}: {_design_text(design)} in all{self._in_words(decision, beds)}"
+            )
             return Proposal((Assignment(at, design.beds, design.discharges),), reason, decision=decision)
         return Proposal((), self._reason(decision, beds, there), "end", decision)
 
@@ -84,7 +86,7 @@ class Replicates(Strategy):
         short = "" if decision.ended == "tolerance" else short
         precision, n = percent(decision.pooled.relative, ".2f"), decision.pooled.n
         why = self._in_words(decision, beds)
-        with_these = _counted(Design(n, there.discharges))
+        with_these = _design_text(Design(n, there.discharges))
         return f"flow rate to {precision} with {with_these}{self._forecast_error(n, there)}{short}{why}"
 
     def _in_words(self, decision: Decision, beds: Beds) -> str:
@@ -111,7 +113,7 @@ def scatter_of_beds(scatter: float, discharges: int) -> float:
 
 def in_words(rule: StoppingRule, mean: float, of: Shares, filling: float) -> str:
     """Describe both shares of the variance of W, and the cheapest number of discharges with its basis."""
-    flow, bed = (percent(part, ".0f") for part in (of.flow, of.bed))
+    flow, bed = (percent(fraction, ".0f") for fraction in (of.flow, of.bed))
     where = f"{flow} of the variance of W is made in the flow, {bed} in the bed"
     where += "" if of.measured else " (as in other scenes)"
     number = cheapest(rule, mean, of, filling)[0].discharges
@@ -119,7 +121,7 @@ def in_words(rule: StoppingRule, mean: float, of: Shares, filling: float) -> str
     return f"{where}; {cheap}, as a filling takes {float(f'{filling:.2g}'):g} times a discharge"
 
 
-def _counted(design: Design) -> str:
+def _design_text(design: Design) -> str:
     """Write a design as `7 replicates` or `7 replicates of 3 discharges`."""
     beds = f"{design.beds} replicate{'' if design.beds == 1 else 's'}"
     return beds if design.discharges == 1 else f"{beds} of {design.discharges} discharges"

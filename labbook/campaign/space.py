@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.campaign.goal import rounded
-from labbook.campaign.strategy import Assignment, Trial, place
+from labbook.campaign.strategy import Assignment, Trial, point_key
 from labbook.fit.interpolation import trend_of_outlets
 from labbook.stats.emulator import Emulator
 from labbook.stats.nested import by_bed, of_beds
@@ -76,11 +76,11 @@ def one_bed_more(points: Sequence[Mapping[str, float]], trials: Sequence[Trial])
     """Assign a further bed to each point, and several to one that is listed several times."""
     beds: dict[tuple, int] = {}
     for trial in trials:
-        beds[place(trial.at)] = max(beds.get(place(trial.at), 0), trial.seed)
+        beds[point_key(trial.at)] = max(beds.get(point_key(trial.at), 0), trial.seed)
     assigned: dict[tuple, Assignment] = {}
     for at in points:
-        beds[place(at)] = beds.get(place(at), 0) + 1
-        assigned[place(at)] = Assignment(at, beds[place(at)])
+        beds[point_key(at)] = beds.get(point_key(at), 0) + 1
+        assigned[point_key(at)] = Assignment(at, beds[point_key(at)])
     return tuple(assigned.values())
 
 
@@ -117,11 +117,11 @@ class BedValues:
         """
         points: dict[tuple, list[tuple[int, float]]] = defaultdict(list)
         where: dict[tuple, Mapping[str, float | str]] = {}
-        for trial in sorted(trials, key=lambda trial: (place(trial.at), trial.seed, trial.discharge)):
+        for trial in sorted(trials, key=lambda trial: (point_key(trial.at), trial.seed, trial.discharge)):
             value = trial.numbers.get(quantity, math.nan)
             if trial.outcome != "clogged" and value > 0:
-                points[place(trial.at)].append((trial.seed, math.log(value) - trend.at(trial.at)))
-                where[place(trial.at)] = trial.at
+                points[point_key(trial.at)].append((trial.seed, math.log(value) - trend.at(trial.at)))
+                where[point_key(trial.at)] = trial.at
         rows = list[tuple[int, int, float]]()
         for index, of in enumerate(points.values()):
             beds = by_bed(of)

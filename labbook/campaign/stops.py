@@ -44,40 +44,40 @@ class Stops(Strategy):
         trials = list(history.trials)
         at, beds = trials[0].at, len({trial.seed for trial in trials})
         discharges = max(trial.discharge for trial in trials)
-        counted, needed = stops(trials), events_needed(self.error)
-        progress = f"{counted} of {needed} stops for {percent(self.error)} with {beds} replicates"
-        if counted >= needed:
+        stops_so_far, needed = stops(trials), events_needed(self.error)
+        progress = f"{stops_so_far} of {needed} stops for {percent(self.error)} with {beds} replicates"
+        if stops_so_far >= needed:
             return Proposal.end(progress)
         if beds >= self.cap:
-            bound = "; without a stop there is an upper bound only" if not counted else ""
+            bound = "; without a stop there is an upper bound only" if not stops_so_far else ""
             short = "the requested error of q is not reached, and accuracy.max_replicates allows no more runs"
             return Proposal.end(f"{progress}: {short}{bound}")
         # few stops are too uncertain for a large order
-        following = min(self.expected(counted, beds), 2 * beds, self.cap)
+        following = min(self.expected(stops_so_far, beds), 2 * beds, self.cap)
         return Proposal((Assignment(at, following, discharges),), f"{progress}: {following} in all")
 
-    def expected(self, counted: int, beds: int) -> int:
+    def expected(self, stops_so_far: int, beds: int) -> int:
         """Forecast the number of replicates if further beds stop as often.
 
         Args:
-            counted: Stops so far.
+            stops_so_far: Stops so far.
             beds: Beds so far.
 
         Returns:
             The number in all, at most the cap.
         """
-        if not counted:
+        if not stops_so_far:
             return self.cap
-        return min(self.cap, max(beds + 1, math.ceil(events_needed(self.error) * beds / counted)))
+        return min(self.cap, max(beds + 1, math.ceil(events_needed(self.error) * beds / stops_so_far)))
 
-    def in_words(self, counted: int, beds: int) -> str:
+    def in_words(self, stops_so_far: int, beds: int) -> str:
         """Describe the number of stops in some beds, and the expected number of replicates."""
         needed = events_needed(self.error)
-        if not counted:
+        if not stops_so_far:
             return f"{needed} stops are needed for {percent(self.error)}; the replicates for them are not known yet"
-        expected = beds if counted >= needed else self.expected(counted, beds)
-        short = " (accuracy.max_replicates)" if counted * expected < needed * beds else ""
-        return f"{counted} of {needed} stops with {beds} replicates; {expected} replicates expected{short}"
+        expected = beds if stops_so_far >= needed else self.expected(stops_so_far, beds)
+        short = " (accuracy.max_replicates)" if stops_so_far * expected < needed * beds else ""
+        return f"{stops_so_far} of {needed} stops with {beds} replicates; {expected} replicates expected{short}"
 
 
 def stops(trials: Iterable[Trial]) -> int:

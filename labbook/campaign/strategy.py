@@ -24,7 +24,7 @@ Values = Mapping[str, float | str]
 """Dotted keys of a study, with values in SI; text for keys that take words."""
 
 
-def place(values: Values) -> tuple[tuple[str, float | str], ...]:
+def point_key(values: Values) -> tuple[tuple[str, float | str], ...]:
     """Identify a point by its values, with numbers rounded to the digits of a sweep.
 
     A value that was computed in two ways is then one point.
@@ -155,13 +155,15 @@ class History:
 
     def beds(self, quantity: str) -> list[tuple[Values, Beds]]:
         """Collect the numbers of one quantity at each point, by bed, with those of all its discharges."""
-        places: dict[tuple, tuple[Values, dict[tuple[int, int], float]]] = {}
+        beds_by_point: dict[tuple, tuple[Values, dict[tuple[int, int], float]]] = {}
         for trial in self.trials:
-            _, repeats = places.setdefault(place(trial.at), (trial.at, {}))
+            _, repeats = beds_by_point.setdefault(point_key(trial.at), (trial.at, {}))
             value = trial.numbers.get(quantity, math.nan)
             if math.isfinite(value):
                 repeats[trial.seed, trial.discharge] = value
-        return [(at, by_bed((seed, value) for (seed, _), value in sorted(of.items()))) for at, of in places.values()]
+        return [
+            (at, by_bed((seed, value) for (seed, _), value in sorted(of.items()))) for at, of in beds_by_point.values()
+        ]
 
     def pooled(self, quantity: str) -> list[tuple[Values, Pooled]]:
         """Pool one quantity at each point that has numbers: mean with 95 % interval (Student's t)."""

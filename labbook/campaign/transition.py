@@ -74,7 +74,7 @@ class Transition(Goal):
     """
 
     name: ClassVar[str] = "transition"
-    places: ClassVar[str] = "settings"
+    point_noun: ClassVar[str] = "settings"
 
     key: Annotated[str, Internal()]
     """The swept key."""
@@ -99,14 +99,14 @@ class Transition(Goal):
         if wish.keys() != {"clogging", "grains", "within"}:
             refuse([Fault(key, "clogging, grains and within are needed, and nothing else", _EXAMPLE)])
         try:
-            part = parse(wish["clogging"], "") if isinstance(wish["clogging"], str) else float(wish["clogging"])
+            fraction = parse(wish["clogging"], "") if isinstance(wish["clogging"], str) else float(wish["clogging"])
             grains = int(float(wish["grains"]))
         except (ValueError, TypeError) as error:
             refuse([Fault(key, str(error), _EXAMPLE)])
             raise
-        if not 0 < part < 1 or grains < 1:
+        if not 0 < fraction < 1 or grains < 1:
             refuse([Fault(key, "a probability between 0 and 1, and a number of grains above 0, are needed", _EXAMPLE)])
-        return {"key": key, "clogging": part, "grains": grains, "within": str(wish["within"])}
+        return {"key": key, "clogging": fraction, "grains": grains, "within": str(wish["within"])}
 
     def range_faults(self, points: Sequence[Any]) -> list[Fault]:
         """List faults of the range of a study."""
@@ -239,7 +239,9 @@ class Transition(Goal):
     def _position(self, study: Any, counts: Mapping[float, tuple[float, float]]) -> Position:
         positions, posterior = self._posterior(study, counts)
         cumulative = np.cumsum(posterior.sum(axis=(1, 2)))
-        return Position(*(float(np.interp(part, cumulative, positions)) for part in (0.25, 0.5, 0.75, 0.025, 0.975)))
+        return Position(
+            *(float(np.interp(fraction, cumulative, positions)) for fraction in (0.25, 0.5, 0.75, 0.025, 0.975))
+        )
 
     def _expected(self, study: Any, counts: Mapping[float, tuple[float, float]], x: float) -> float:
         """Posterior mean of q at a setting."""

@@ -49,11 +49,11 @@ class Check:
 
 def examine(folder: Path, say: Callable[[str], None] = lambda _: None) -> list[Check]:
     """Try the file system of `folder` with processes of this host. Raises OSError if nothing can be written."""
-    place = Path(tempfile.mkdtemp(prefix=f"{PEERS}-", dir=folder))
+    trial_folder = Path(tempfile.mkdtemp(prefix=f"{PEERS}-", dir=folder))
     try:
-        return [perform(name, lambda check=check: check(place), say) for name, check in CHECKS.items()]
+        return [perform(name, lambda check=check: check(trial_folder), say) for name, check in CHECKS.items()]
     finally:
-        remove(place)
+        remove(trial_folder)
 
 
 def meet(folder: Path, say: Callable[[str], None] = lambda _: None, patience: float = 600.0) -> list[Check]:
@@ -257,8 +257,8 @@ class Meeting:
         self.peer = self._find(say, patience)
         self.first = own < self.peer
         """True in exactly one of the two processes."""
-        self.place = folder / "-and-".join(sorted((own, self.peer)))
-        self.place.mkdir(exist_ok=True)
+        self.folder = folder / "-and-".join(sorted((own, self.peer)))
+        self.folder.mkdir(exist_ok=True)
         self._step, self._swaps = "", 0
 
     def _find(self, say: Callable[[str], None], patience: float) -> str:
@@ -299,10 +299,10 @@ class Meeting:
     def swap(self, message: object = None) -> object:
         """Synchronise with the other process: send it a message, wait for its message, and return that."""
         self._swaps += 1
-        mine, theirs = (self.place / f"{self._step}-{self._swaps}-{name}" for name in (self._own, self.peer))
+        mine, theirs = (self.folder / f"{self._step}-{self._swaps}-{name}" for name in (self._own, self.peer))
         write_bytes(mine, json.dumps(message).encode())
         _until(
-            lambda: theirs.name in os.listdir(self.place),
+            lambda: theirs.name in os.listdir(self.folder),
             f"{self.peer} stopped answering; start both again",
         )
         return json.loads(theirs.read_bytes())
@@ -313,7 +313,7 @@ class Meeting:
         if not self.first:
             with suppress(Unfit):
                 _until(lambda: not (self._folder / f"{self.peer}.here").exists(), "it stays", 5.0)
-            remove(self.place)
+            remove(self.folder)
             with suppress(OSError):  # others meet there
                 self._folder.rmdir()
 
@@ -326,7 +326,7 @@ def _hosts(meeting: Meeting) -> str:
 
 
 def _shared_locks(meeting: Meeting) -> str:
-    path, wrong = meeting.place / "held.lock", ""
+    path, wrong = meeting.folder / "held.lock", ""
     for holds in (meeting.first, not meeting.first):
         claim = lock(path, _ALONE) if holds else None
         if holds and claim is None:
@@ -349,7 +349,7 @@ def _shared_locks(meeting: Meeting) -> str:
 
 
 def _shared_renames(meeting: Meeting) -> str:
-    path, outcomes = meeting.place / "replaced", []
+    path, outcomes = meeting.folder / "replaced", []
     write_bytes(path, bytes(_SIZE)) if meeting.first else None
     meeting.swap()
     for writes in (meeting.first, not meeting.first):
@@ -370,7 +370,7 @@ def _shared_renames(meeting: Meeting) -> str:
 
 
 def _shared_clock(meeting: Meeting) -> str:
-    mine = clock_skew(meeting.place / f"clock-{node()}-{os.getpid()}")
+    mine = clock_skew(meeting.folder / f"clock-{node()}-{os.getpid()}")
     theirs = meeting.swap(mine)
     assert isinstance(theirs, float)
     apart = abs(mine - theirs)
@@ -380,7 +380,7 @@ def _shared_clock(meeting: Meeting) -> str:
 
 
 def _shared_index(meeting: Meeting) -> str:
-    path = meeting.place / "index.db"
+    path = meeting.folder / "index.db"
     if meeting.first:
         with closing(_database(path)) as connection:
             keep_journal(connection, path)

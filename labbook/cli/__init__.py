@@ -1,9 +1,9 @@
-"""The command line: `labbook VERB`, one module a verb.
+"""The command line: `labbook COMMAND`, one module a command.
 
-Each module of `VERBS` has `register(app)`, which adds its command. So that `labbook --help` stays quick, a command
+Each module of `COMMANDS` has `register(app)`, which adds its command. So that `labbook --help` stays quick, a command
 imports other rooms in its body, or is a call of its module in `labbook.cli.work`, which imports them at its top: the
-form for a verb with several functions. Packages add verbs by such functions, which they announce in the entry-point
-group `labbook.verbs`.
+form for a command with several functions. Packages add commands by such functions, which they announce in the
+entry-point group `labbook.verbs`.
 """
 
 import gc
@@ -21,7 +21,7 @@ from labbook.version import __version__
 
 _ALLOCATED = 10_000
 """Objects that are made between two looks for garbage."""
-VERBS = (
+COMMANDS = (
     "new",
     "new_extension",
     "plan",
@@ -49,7 +49,7 @@ VERBS = (
 )
 
 
-class Verbs(TyperGroup):
+class CommandGroup(TyperGroup):
     """All verbs; what goes wrong with files and folders ends each of them in one line, as `told` has it."""
 
     def main(self, *args, **kwargs):
@@ -85,10 +85,10 @@ def _about(
 
 
 def build() -> typer.Typer:
-    """The application with all its verbs."""
+    """The application with all its commands."""
     app = typer.Typer(
         name="labbook",
-        cls=Verbs,
+        cls=CommandGroup,
         help="Studies of granular silos, from a YAML file to a report with error bars.",
         no_args_is_help=True,
         add_completion=False,
@@ -96,12 +96,12 @@ def build() -> typer.Typer:
         rich_markup_mode=None,
     )
     app.callback()(_about)
-    for verb in VERBS:
-        import_module(f"labbook.cli.{verb}").register(app)
+    for name in COMMANDS:
+        import_module(f"labbook.cli.{name}").register(app)
     for entry in sorted(entry_points(group="labbook.verbs"), key=lambda entry: entry.name):
         try:
             entry.load()(app)
-        except Exception as error:  # whatever a package does when it is imported: other verbs stay
+        except Exception as error:  # whatever a package does when it is imported: other commands stay
             problem = f"{entry.value} ({type(error).__name__}: {error}); fix or uninstall the package"
             print(f"Warning: the verb {entry.name} cannot be loaded: {problem}", file=sys.stderr)
     return app

@@ -15,10 +15,12 @@ Listed = Annotated[bool, typer.Option("--list", help="List the cases and what th
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, when all cases have ended.")]
 
 
-def find_cases(verb: str, by_names: Callable[[list[str]], Sequence[Any]], names: list[str] | None, quick: bool) -> list:
+def find_cases(
+    command: str, by_names: Callable[[list[str]], Sequence[Any]], names: list[str] | None, quick: bool
+) -> list:
     """The cases with these names, without the slow ones if `quick`; ends with exit status 2 if there is none."""
     try:
         return [case for case in by_names(names or []) if not (quick and case.slow)]
     except KeyError as name:
-        say(f"no case is called {name.args[0]}; labbook {verb} --list shows them", err=True)
+        say(f"no case is called {name.args[0]}; labbook {command} --list shows them", err=True)
         raise typer.Exit(2) from None

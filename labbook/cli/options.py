@@ -124,14 +124,14 @@ def results(path: Path, lab: Path, backend: str) -> "Results":
     """Read the results of a study. Unreadable runs are named and left out; measures that fail are named."""
     import warnings
 
-    from labbook.api import Lab as Place
+    from labbook.api import Lab as OpenLab
     from labbook.api import LabWarning
 
     study = read_study(path)
     existing(lab)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LabWarning)  # told below
-        results_of_study = Place(lab, backend).results(study)
+        results_of_study = OpenLab(lab, backend).results(study)
     if not results_of_study.points and not results_of_study.unreadable:
         fail(
             f"{lab} has no finished run of {study.name} on {backend}; {instead_of_none(study.name, path, lab, backend)}"

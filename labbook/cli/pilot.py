@@ -36,7 +36,7 @@ def register(app: typer.Typer) -> None:
         run as it is. After Ctrl-C the same command goes on.
         """
         from labbook.accuracy import BESIDE, write
-        from labbook.api import Lab as Place
+        from labbook.api import Lab as OpenLab
         from labbook.api import effects_of_numerics
         from labbook.backend import BackendMissing, Unsupported
         from labbook.lab import NoCatalogue
@@ -49,11 +49,11 @@ def register(app: typer.Typer) -> None:
         from labbook.study.pilot import whole
 
         path = out or studies[0].with_suffix(BESIDE)
-        place, effects = Place(lab, backend, device), []
+        open_lab, effects = OpenLab(lab, backend, device), []
         for study in [read_study(study) for study in studies]:
             try:
                 with Bar(screen(stderr=True)) as bar:
-                    effects += effects_of_numerics(place, whole(study, seeds), bar)
+                    effects += effects_of_numerics(open_lab, whole(study, seeds), bar)
             except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError, DiskFull, StudyError) as problem:
                 fail(problem)
             except NotCalibrated as problem:

@@ -7,7 +7,7 @@ import typer
 
 from labbook.cli.options import BACKEND, LAB, Device, Lab, RunsOn, StudyFile
 
-Part = Annotated[
+ShardOption = Annotated[
     str | None, typer.Option("--shard", help="Run only part i of n, such as 1/4.", metavar="I/N", show_default=False)
 ]
 Base = Annotated[
@@ -46,7 +46,7 @@ def register(app: typer.Typer) -> None:
         backend: RunsOn = BACKEND,
         device: Device = "cpu",
         checkpoint_every: Every = 20,
-        shard: Part = None,
+        shard: ShardOption = None,
         base: Base = None,
         cluster: On = None,
         expect: Expect = None,

@@ -170,15 +170,15 @@ def print_table(console: "Console", table: "Table", title: str) -> None:
     if spare >= 0:
         lacks = [most - least for most, least in zip(whole, words, strict=True)]
         order = sorted(range(len(columns)), key=lambda k: (k in table.text, lacks[k]))
-        for place, k in enumerate(order):  # numbers come first; of text what lacks least, so that the longest share
-            grant = min(lacks[k], spare // (len(order) - place) if k in table.text else spare)
+        for rank, k in enumerate(order):  # numbers come first; of text what lacks least, so that the longest share
+            grant = min(lacks[k], spare // (len(order) - rank) if k in table.text else spare)
             widths[k] = words[k] + grant
             spare -= grant
     for k, heading in enumerate(table.headings):
         justify = "left" if k in table.text else "right"
         rich_table.add_column(escape(heading), justify=justify, overflow="fold", width=widths[k])
-    for place, row in enumerate(table.rows):
-        rich_table.add_row(*map(escape, row), style="bold" if place in table.marked else None)
+    for rank, row in enumerate(table.rows):
+        rich_table.add_row(*map(escape, row), style="bold" if rank in table.marked else None)
     console.print(rich_table)
     for note in table.notes:
         console.print(note, style="dim", markup=False)

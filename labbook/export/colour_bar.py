@@ -31,7 +31,7 @@ def speed_colours(speed: np.ndarray, top_speed: float) -> np.ndarray:
     """
     from matplotlib import colormaps
 
-    return colormaps["viridis"](_DARKEST + (1 - _DARKEST) * _part(speed, top_speed), bytes=True)
+    return colormaps["viridis"](_DARKEST + (1 - _DARKEST) * _fraction(speed, top_speed), bytes=True)
 
 
 def kind_colours(kind: np.ndarray, speed: np.ndarray, top_speed: float) -> np.ndarray:
@@ -48,7 +48,7 @@ def kind_colours(kind: np.ndarray, speed: np.ndarray, top_speed: float) -> np.nd
         RGBA bytes, shape [n, 4].
     """
     plain = KIND_COLOURS[kind % len(KIND_COLOURS)]
-    mixed = plain + (255 - plain) * (_part(speed, top_speed) * 2 / 3)[:, None]
+    mixed = plain + (255 - plain) * (_fraction(speed, top_speed) * 2 / 3)[:, None]
     return np.column_stack([mixed, np.full(len(kind), 255)]).astype(np.uint8)
 
 
@@ -65,11 +65,11 @@ def colour_bar(kinds: Sequence[str], top_speed: float) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    part = np.linspace(0, 1, 256)
+    fraction = np.linspace(0, 1, 256)
     if kinds:
-        rows = [kind_colours(np.full(256, k), part**2, 1.0) for k in range(len(kinds))]
+        rows = [kind_colours(np.full(256, k), fraction**2, 1.0) for k in range(len(kinds))]
     else:
-        rows = [speed_colours(part**2, 1.0)]
+        rows = [speed_colours(fraction**2, 1.0)]
     height, width = _ROW * len(rows) + _TEXT, _WIDTH + 2 * _LABEL
     figure = Figure((width / 100, height / 100), dpi=200, facecolor="#{:02x}{:02x}{:02x}".format(*BACKGROUND))
     FigureCanvasAgg(figure)
@@ -81,7 +81,7 @@ def colour_bar(kinds: Sequence[str], top_speed: float) -> bytes:
     speeds = speed_ticks(top_speed)
     labels = [f"{speed / unit:.3g}" for speed in speeds]
     labels[-1] = f"≥ {two_digits(top_speed / unit)}" if top_speed > 0 else labels[-1]
-    bar.set_xticks(_part(np.array(speeds), top_speed), labels, fontsize=9)
+    bar.set_xticks(_fraction(np.array(speeds), top_speed), labels, fontsize=9)
     bar.set_yticks(np.arange(len(kinds)) + 0.5, kinds, fontsize=9)
     bar.tick_params(length=3, left=False)
     bar.set_xlabel(f"speed [{name}]", fontsize=9, labelpad=1)
@@ -115,6 +115,6 @@ def speed_ticks(top_speed: float) -> list[float]:
     return [*ticks, top_speed]
 
 
-def _part(speed: np.ndarray, top_speed: float) -> np.ndarray:
+def _fraction(speed: np.ndarray, top_speed: float) -> np.ndarray:
     """Place on the scale, 0 to 1."""
     return np.sqrt(np.clip(speed / top_speed, 0, 1)) if top_speed > 0 else np.zeros(len(speed))

@@ -112,7 +112,7 @@ class Colouring:
                 return Legend("angle to the vertical", colours, tuple((at / 90, f"{at}°") for at in _TICKS))
             case "force":
                 weight = weight_of(self.scene, self.start)
-                ticks = [(part, two_digits(part * self.top / weight)) for part in (0.0, 0.5, 1.0)]
+                ticks = [(fraction, two_digits(fraction * self.top / weight)) for fraction in (0.0, 0.5, 1.0)]
                 title = "normal force / weight of a grain" if self.scene.gravity else "normal force [N]"
                 return Legend(title, force_colours(scale), _open_end(ticks, self.top / weight))
         return None
@@ -122,15 +122,15 @@ def tilt_colours(upright: np.ndarray) -> np.ndarray:
     """RGB bytes, shape [n, 3], of rods by the cosine of their angle to the vertical, shape [n], from blue (upright) to
     orange (lying)."""
     ends = [np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)], float) for text in (_UPRIGHT, _LYING)]
-    part = (np.arccos(np.clip(upright, 0, 1)) / (math.pi / 2))[:, None]
-    return np.rint(ends[0] * (1 - part) + ends[1] * part).astype(np.uint8)
+    fraction = (np.arccos(np.clip(upright, 0, 1)) / (math.pi / 2))[:, None]
+    return np.rint(ends[0] * (1 - fraction) + ends[1] * fraction).astype(np.uint8)
 
 
-def force_colours(part: np.ndarray) -> np.ndarray:
+def force_colours(fraction: np.ndarray) -> np.ndarray:
     """RGB bytes, shape [n, 3], of forces by their part of the upper end of the scale, from 0 (pale) to 1 (dark)."""
     from matplotlib import colormaps
 
-    return colormaps["inferno_r"](_PALEST + (_DARKEST - _PALEST) * np.clip(part, 0, 1), bytes=True)[:, :3]
+    return colormaps["inferno_r"](_PALEST + (_DARKEST - _PALEST) * np.clip(fraction, 0, 1), bytes=True)[:, :3]
 
 
 _PALEST, _DARKEST = 0.12, 0.92  # of the colour map: its ends are white and black

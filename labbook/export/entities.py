@@ -179,10 +179,10 @@ def send_forces(stream, root: str, times: Sequence[float], forces: Sequence[Pair
     """Send contact forces as lines between centres, wider and darker the larger the force, at times [s]."""
     rr = need_rerun()
     top, widest = scale_of(forces), _WIDEST * scene.grains.diameter
-    part = np.minimum(np.concatenate([frame.size for frame in forces]) / top, 1.0)
+    fraction = np.minimum(np.concatenate([frame.size for frame in forces]) / top, 1.0)
     ends = np.concatenate([frame.ends for frame in forces]).astype(np.float32)
     columns = rr.LineStrips3D.columns(
-        strips=ends, radii=(widest * np.maximum(part, _THINNEST)).astype(np.float32), colors=force_colours(part)
+        strips=ends, radii=(widest * np.maximum(fraction, _THINNEST)).astype(np.float32), colors=force_colours(fraction)
     )
     counts = [len(frame.size) for frame in forces]
     stream.send_columns(f"{below(root)}forces", [rr.TimeColumn(CLOCK, duration=times)], columns.partition(counts))
@@ -227,14 +227,14 @@ def paths_of(frames: Sequence[Frame], ids: np.ndarray, diameter: float) -> list[
         for grain in ids
     }
     paths = []
-    for grain, places in rows.items():
-        if len(places) < 2:
+    for grain, indices in rows.items():
+        if len(indices) < 2:
             continue
-        x, v = (np.array([getattr(frame, name)[row] for frame, row in places], float) for name in ("x", "v"))
-        time, speed = np.array([frame.time for frame, _ in places]), np.linalg.norm(v, axis=1)
+        x, v = (np.array([getattr(frame, name)[row] for frame, row in indices], float) for name in ("x", "v"))
+        time, speed = np.array([frame.time for frame, _ in indices]), np.linalg.norm(v, axis=1)
         allowed = _FASTER * np.maximum(speed[1:], speed[:-1]) * np.diff(time) + diameter
         breaks = np.flatnonzero(np.linalg.norm(np.diff(x, axis=0), axis=1) > allowed) + 1
-        paths += [(grain, part) for part in np.split(x, breaks) if len(part) > 1]
+        paths += [(grain, piece) for piece in np.split(x, breaks) if len(piece) > 1]
     return paths
 
 
@@ -298,7 +298,7 @@ def send_flow_rate(
     stream.send_columns(path, [rr.TimeColumn(CLOCK, duration=curve[0])], rr.Scalars.columns(scalars=curve[1]))
     if steady is None:
         return
-    pale = [round(0.45 * part + 0.55 * 128) for part in colour]
+    pale = [round(0.45 * channel + 0.55 * 128) for channel in colour]
     line = rr.SeriesLines(colors=pale, widths=_MEAN, names=f"mean: {steady.mean}", aggregation_policy="off")
     stream.log(f"{path}/window", line, static=True)
     clock = rr.TimeColumn(CLOCK, duration=[steady.begin, steady.begin, steady.end, steady.end])

@@ -166,7 +166,7 @@ def film(
         path: File to write, with an ending among FORMATS.
         seconds: Duration of the film.
         size: Pixels of the longer side of the picture of the bed.
-        source: Text that is kept in a WebP, by which `shows` knows the run again.
+        source: Text that is kept in a WebP, by which `is_film_of` knows the run again.
 
     Raises:
         NoFilm: The format is unknown or needs an encoder that is not installed.
@@ -196,7 +196,7 @@ def sweep_film(
     """
     check(path)
     times = _times(list(shots.values()), seconds)
-    cameras = {place: Camera(shot, size) for place, shot in shots.items()}
+    cameras = {cell: Camera(shot, size) for cell, shot in shots.items()}
     return _write(_sweep_frames(rows, columns, cameras, times), path, seconds, source)
 
 
@@ -217,7 +217,7 @@ def of_run(folder: Path, path: Path, study: str | None = None, point: Point | No
         NotRecorded: The run kept no frames.
     """
     source = source_of_film(RunRecord.read(folder))
-    if not shows(path, source):
+    if not is_film_of(path, source):
         film(shot_of_run(folder, "layers", study, point), path, source=source)
     return path
 
@@ -232,7 +232,7 @@ def source_of_sweep(records: Sequence[RunRecord]) -> str:
     return hashlib.blake2b("+".join(map(source_of_film, records)).encode(), digest_size=16).hexdigest()
 
 
-def shows(path: Path, source: str) -> bool:
+def is_film_of(path: Path, source: str) -> bool:
     """True if the file is a film of this source."""
     from PIL import Image
 
@@ -286,13 +286,13 @@ def of_sweep(
     Raises:
         NoFilm: As of `film`.
     """
-    places = placement([at for at, _ in shots], row_keys=None)
-    columns = [display.setting(places.column, value) if value is not None else "" for value in places.columns]
+    layout = placement([at for at, _ in shots], row_keys=None)
+    columns = [display.setting(layout.column, value) if value is not None else "" for value in layout.columns]
     rows = [
-        display.label({key: value for key, value in zip(places.row, row, strict=True) if value is not None})
-        for row in places.rows
+        display.label({key: value for key, value in zip(layout.row, row, strict=True) if value is not None})
+        for row in layout.rows
     ]
-    runs = {place: shots[k][1] for place, k in places.points.items()}
+    runs = {cell: shots[k][1] for cell, k in layout.points.items()}
     return sweep_film(rows, columns, runs, path, seconds=seconds, size=size, source=source)
 
 
@@ -357,8 +357,8 @@ class Camera:
     def pixels(self, frame: Frame) -> np.ndarray:
         """RGB bytes of a frame, shape [height, width, 3], on the background of films."""
         pixels = self.rgba(frame)
-        part = pixels[..., 3:].astype(np.float32) / 255
-        return np.rint(pixels[..., :3] * part + np.array(BACKGROUND, np.float32) * (1 - part)).astype(np.uint8)
+        opacity = pixels[..., 3:].astype(np.float32) / 255
+        return np.rint(pixels[..., :3] * opacity + np.array(BACKGROUND, np.float32) * (1 - opacity)).astype(np.uint8)
 
     def rgba(self, frame: Frame) -> np.ndarray:
         """RGBA bytes of a frame, shape [height, width, 4]."""
@@ -390,13 +390,13 @@ class Camera:
         """Lines between the grains of the foremost layer that touch, wider and darker the larger the force."""
         grains = self.scene.grains
         deep = forces.ends[:, :, 1] - front(self.scene, self.start)
-        part = np.minimum(forces.size / self.shot.colouring.top, 1.0)
+        fraction = np.minimum(forces.size / self.shot.colouring.top, 1.0)
         foremost = ((deep >= -grains.radius) & (deep <= grains.diameter * grains.aspect_ratio)).all(axis=1)
-        rows = np.flatnonzero(foremost & (part > _FAINT))
-        rows = rows[np.argsort(part[rows], kind="stable")]
+        rows = np.flatnonzero(foremost & (fraction > _FAINT))
+        rows = rows[np.argsort(fraction[rows], kind="stable")]
         widest = _WIDEST * grains.diameter * self.view.scale
-        width = np.maximum(_THINNEST, widest * part[rows])
-        return Strokes(forces.ends[rows][:, :, [0, 2]], width, force_colours(part[rows]) / 255)
+        width = np.maximum(_THINNEST, widest * fraction[rows])
+        return Strokes(forces.ends[rows][:, :, [0, 2]], width, force_colours(fraction[rows]) / 255)
 
 
 def _view(scene: Scene, start: Packing, frames: Sequence[Frame], size: int) -> Raster:
@@ -466,9 +466,9 @@ def _run_frames(camera: Camera, times: np.ndarray) -> Iterator["Image"]:
         if legend is not None:
             _draw_legend(canvas, legend, _PAD, top + bed.height + 4, width)
         if chart is not None:
-            place = (_PAD + width + _PAD, top + (high - below - _CHART[1]) // 2) if beside else (
+            corner = (_PAD + width + _PAD, top + (high - below - _CHART[1]) // 2) if beside else (
                 _PAD, top + high - _LOW)  # fmt: skip
-            canvas.paste(chart.at(time), place)
+            canvas.paste(chart.at(time), corner)
         yield canvas
 
 
@@ -476,7 +476,7 @@ def _sweep_frames(
     rows: Sequence[str], columns: Sequence[str], cameras: Mapping[tuple[int, int], Camera], times: np.ndarray
 ) -> Iterator["Image"]:
     """Frames of a film of several runs: headings of rows and columns, and the time."""
-    endings = {place: f"{c.shot.data.outcome} at {c.shot.stopped:.2f} s" for place, c in cameras.items()}
+    endings = {cell: f"{c.shot.data.outcome} at {c.shot.stopped:.2f} s" for cell, c in cameras.items()}
     texts = [*(_extent(text)[0] for text in columns), *(_extent(text, _SMALL)[0] for text in endings.values())]
     wide = max(*(camera.view.across for camera in cameras.values()), *texts)
     tall = max(camera.view.down for camera in cameras.values())
@@ -513,9 +513,9 @@ def _draw_legend(canvas: "Image", legend: Legend, left: int, top: int, width: in
     bar = Image.fromarray(legend.colours[None].repeat(8, axis=0)).resize((width, 8), Image.Resampling.NEAREST)
     canvas.paste(bar, (left, top))
     write = ImageDraw.Draw(canvas)
-    for place, label in _spaced_ticks(legend.ticks, width):
-        anchor = "la" if place < 0.02 else "ra" if place > 0.98 else "ma"
-        write.text((left + place * width, top + 10), label, QUIET, _font(10), anchor)
+    for x, label in _spaced_ticks(legend.ticks, width):
+        anchor = "la" if x < 0.02 else "ra" if x > 0.98 else "ma"
+        write.text((left + x * width, top + 10), label, QUIET, _font(10), anchor)
     write.text((left + width // 2, top + 22), legend.title, QUIET, _font(11), "ma")
 
 
@@ -524,8 +524,8 @@ def _spaced_ticks(ticks: Sequence[tuple[float, str]], width: int) -> Iterator[tu
     pixels."""
 
     def ends(tick: tuple[float, str]) -> tuple[float, float]:
-        wide, place = _extent(tick[1], 10)[0], tick[0] * width
-        left = place if tick[0] < 0.02 else place - wide if tick[0] > 0.98 else place - wide / 2
+        wide, x = _extent(tick[1], 10)[0], tick[0] * width
+        left = x if tick[0] < 0.02 else x - wide if tick[0] > 0.98 else x - wide / 2
         return left, left + wide
 
     free, limit = -math.inf, ends(ticks[-1])[0] - _GAP

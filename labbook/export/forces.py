@@ -87,7 +87,7 @@ def forces_of(backend: str, data: RunData) -> Callable[[Frame], PairForces] | No
         made_by = load_to_plan(backend)
     except BackendMissing:
         return None
-    if made_by.elastic_forces(data.scene, data.numerics, data.start.part(np.arange(0)), walls=False) is None:
+    if made_by.elastic_forces(data.scene, data.numerics, data.start.subset(np.arange(0)), walls=False) is None:
         return None
     return partial(pair_forces, made_by, data.scene, data.numerics, data.start)
 

@@ -133,5 +133,5 @@ def top_speed(scene: Scene, frames: Sequence[Frame]) -> float:
     Returns:
         Speed [m/s].
     """
-    rest = 0.01 * math.sqrt(scene.gravity * scene.grains.diameter)
-    return max(rest, float(np.quantile(np.concatenate([frame.speed for frame in frames]), 0.995)))
+    negligible = 0.01 * math.sqrt(scene.gravity * scene.grains.diameter)
+    return max(negligible, float(np.quantile(np.concatenate([frame.speed for frame in frames]), 0.995)))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labbook.export.film import Camera, Shot, shot_of_run, shows, source_of_film
+from labbook.export.film import Camera, Shot, is_film_of, shot_of_run, source_of_film
 from labbook.lab import RunRecord
 from labbook.lab.folder import write_bytes
 
@@ -33,7 +33,7 @@ def loop_of_run(folder: Path, path: Path) -> Path:
         NotRecorded: The run kept no frames.
     """
     source = source_of_loop(RunRecord.read(folder))
-    if not shows(path, source):
+    if not is_film_of(path, source):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, encoded(shot_of_run(folder, "layers"), source=source), durable=False)
     return path
@@ -52,7 +52,7 @@ def encoded(shot: Shot, *, seconds: float = SECONDS, size: int = SIZE, frames: i
         seconds: Duration [s].
         size: Pixels of the longer side.
         frames: Largest number of frames.
-        source: Text that is kept in the file, by which `labbook.export.film.shows` knows the run again.
+        source: Text that is kept in the file, by which `labbook.export.film.is_film_of` knows the run again.
 
     Returns:
         WebP without end, transparent around bed and walls, so that it fits a light and a dark page.

@@ -101,7 +101,7 @@ def _numbers(row: Iterable[float]) -> str:
 
 def write_packings(
     results: StudyResults,
-    place: LabFolder,
+    lab: LabFolder,
     folder: Path,
     say: Callable[[str], None] = lambda text: None,
     facets: int = AROUND,
@@ -112,7 +112,7 @@ def write_packings(
 
     Args:
         results: Results of the study.
-        place: Lab.
+        lab: Lab.
         folder: Folder to write to, made if it is missing.
         say: Function to call with the name of each run.
         facets: Corners of the polygons in place of circles.
@@ -137,7 +137,7 @@ def write_packings(
             if walls_written and run.packing_key in keys:
                 continue
             say(f"{result.label}, seed {run.seed}")
-            record, packing = read_packing(place.packing(run.packing_key))
+            record, packing = read_packing(lab.packing(run.packing_key))
             packing = packing.entered
             if not walls_written:
                 box = around(result.point.scene, packing)

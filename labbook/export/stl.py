@@ -76,8 +76,8 @@ def _profile(lines: Iterable[Segment], top: float) -> list[Segment]:
         if min(lower[0], upper[0]) < 0 or lower[1] >= top:
             continue
         if upper[1] > top:
-            part = (top - lower[1]) / (upper[1] - lower[1])
-            upper = lower[0] + part * (upper[0] - lower[0]), top
+            fraction = (top - lower[1]) / (upper[1] - lower[1])
+            upper = lower[0] + fraction * (upper[0] - lower[0]), top
         profile.append((lower, upper))
     return profile
 

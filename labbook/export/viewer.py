@@ -174,21 +174,21 @@ def _stack(rows: Sequence[Sequence[tuple[str, Path]]], picture: Path) -> None:
     from matplotlib.figure import Figure
     from matplotlib.image import imread
 
-    parts = [[(text, imread(path)) for text, path in row] for row in rows]
-    heads = [_HEAD if any(text for text, _ in row) else 0 for row in parts]
-    width = max(sum(part.shape[1] for _, part in row) for row in parts)
-    highest = [max(part.shape[0] for _, part in row) for row in parts]
+    pictures = [[(text, imread(path)) for text, path in row] for row in rows]
+    heads = [_HEAD if any(text for text, _ in row) else 0 for row in pictures]
+    width = max(sum(image.shape[1] for _, image in row) for row in pictures)
+    highest = [max(image.shape[0] for _, image in row) for row in pictures]
     height = sum(heads) + sum(highest)
     figure = Figure((width / 100, height / 100), dpi=100, facecolor="#{:02x}{:02x}{:02x}".format(*BACKGROUND))
     FigureCanvasAgg(figure)
     top = height
-    for head, high, row in zip(heads, highest, parts, strict=True):
+    for head, high, row in zip(heads, highest, pictures, strict=True):
         left = 0
-        for text, part in row:
+        for text, image in row:
             if text:
                 figure.text((left + 10) / width, (top - head / 2) / height, text, fontsize=11, va="center")
-            figure.figimage(part, left, top - head - part.shape[0])
-            left += part.shape[1]
+            figure.figimage(image, left, top - head - image.shape[0])
+            left += image.shape[1]
         top -= head + high
     figure.savefig(picture, dpi=100, facecolor=figure.get_facecolor())
 

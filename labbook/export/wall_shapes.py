@@ -1,4 +1,4 @@
-"""Walls in recordings: their meshes around the bed, plates and panes as polygons."""
+"""Walls in recordings: their meshes around the bed, plates as polygons."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -11,7 +11,7 @@ from labbook.scene.geometry import Bounds, Mesh, Point3, Segment
 from labbook.scene.part_motion import Poses
 
 WALL_COLOUR = (120, 130, 150, 70)
-PANE_COLOUR = (120, 130, 150, 14)  # of walls with grains behind them, which must be seen
+TRANSPARENT_COLOUR = (120, 130, 150, 14)  # of walls with grains behind them, which must be seen
 _SPOKES = 8
 _BEYOND = 2.0  # grain radii that spokes reach beyond the edge of their wall
 
@@ -52,7 +52,7 @@ class DrawnWall:
             return
         poses = self.poses(times)
         for k in range(len(poses.shift)):
-            yield replace(self.mesh, vertices=poses.places(k, self.mesh.vertices))
+            yield replace(self.mesh, vertices=poses.positions(k, self.mesh.vertices))
 
     def poses(self, times: Sequence[float] | np.ndarray) -> Poses:
         """Compute the poses of a part.
@@ -74,7 +74,7 @@ class DrawnWall:
 def drawn_walls(scene: Scene, positions: np.ndarray) -> Iterator[DrawnWall]:
     """Mesh all walls of a scene around its grains, cut a little above them.
 
-    A pane in front of plates or behind them, as of a quasi-2D hopper, ends where they do, and they at it.
+    A transparent wall in front of plates or behind them, as of a quasi-2D hopper, ends where they do, and they at it.
 
     Args:
         scene: Scene.
@@ -87,19 +87,21 @@ def drawn_walls(scene: Scene, positions: np.ndarray) -> Iterator[DrawnWall]:
     low, high = positions.min(axis=0) - r, positions.max(axis=0) + r
     top = high[2] + 4 * r
     walls = [(wall, wall.shape.bounds) for wall in scene.container.walls()]
-    panes = {wall.name: box.low[1] for wall, box in walls if wall.shape.pane and box.endless == (True, False, True)}
-    front, back = (end([y, *panes.values()]) for end, y in ((min, low[1]), (max, high[1])))
+    y_of_plates = {
+        wall.name: box.low[1] for wall, box in walls if wall.shape.is_transparent and box.endless == (True, False, True)
+    }
+    front, back = (end([y, *y_of_plates.values()]) for end, y in ((min, low[1]), (max, high[1])))
     bed = Bounds((low[0], low[1], low[2]), (high[0], high[1], high[2]))
     around = (low[0], front, low[2]), (high[0], back, top)
     ribs = [wall.shape for wall, box in walls if box.endless == (False, True, False)]
     plates = [_cut(line, top) for shape in ribs for line in shape.section()]
     for wall, box in walls:
-        mesh = _pane(plates, panes[wall.name]) if wall.name in panes and len(plates) > 1 else None
+        mesh = _bounded_plate(plates, y_of_plates[wall.name]) if wall.name in y_of_plates and len(plates) > 1 else None
         mesh = mesh or wall.shape.mesh(bed if sum(box.endless) > 1 else _up_to(top, box, *around))
         if mesh is None:
             continue
         spin = 0.0 if any(box.endless) else wall.motion.spin
-        colour = PANE_COLOUR if wall.shape.pane else WALL_COLOUR
+        colour = TRANSPARENT_COLOUR if wall.shape.is_transparent else WALL_COLOUR
         yield DrawnWall(
             wall.name, mesh, colour, spin, _spokes(mesh, r) if spin else (), wall if wall.is_posed else None
         )
@@ -116,13 +118,13 @@ def _cut(line: Segment, top: float) -> Segment:
     """Part of a line (x, z) [m] below z = `top`; all of a line that begins above."""
     lower, upper = sorted(line, key=lambda end: end[1])
     if upper[1] > top > lower[1]:
-        part = (top - lower[1]) / (upper[1] - lower[1])
-        upper = lower[0] + part * (upper[0] - lower[0]), top
+        fraction = (top - lower[1]) / (upper[1] - lower[1])
+        upper = lower[0] + fraction * (upper[0] - lower[0]), top
     return lower, upper
 
 
-def _pane(plates: list[Segment], y: float) -> Mesh | None:
-    """Smallest convex pane at `y` [m] that all plates fit in; None if they lie on one line."""
+def _bounded_plate(plates: list[Segment], y: float) -> Mesh | None:
+    """Smallest convex polygon at `y` [m] that all plates fit in; None if they lie on one line."""
     from scipy.spatial import ConvexHull, QhullError
 
     edges = np.array(plates).reshape(-1, 2)

@@ -39,9 +39,9 @@ def write(name: str, folder: Path) -> Path:
     target = folder / name
     try:
         target.mkdir()
-        for place, text in _texts(files(__name__) / "template", Path()):
+        for inner_path, text in _texts(files(__name__) / "template", Path()):
             renamed = text.replace(NAME, name).replace(NAME.replace("-", "_"), package)
-            path = target / str(place).replace(NAME.replace("-", "_"), package)
+            path = target / str(inner_path).replace(NAME.replace("-", "_"), package)
             path.parent.mkdir(exist_ok=True)
             path.write_text(renamed, encoding="utf-8")
     except FileExistsError:
@@ -53,10 +53,10 @@ def write(name: str, folder: Path) -> Path:
     return target
 
 
-def _texts(folder: Traversable, place: Path) -> Iterator[tuple[Path, str]]:
+def _texts(folder: Traversable, path: Path) -> Iterator[tuple[Path, str]]:
     """The files of the template: their places, and their texts."""
     for entry in folder.iterdir():
         if entry.is_dir():
-            yield from _texts(entry, place / entry.name)
+            yield from _texts(entry, path / entry.name)
         elif not entry.name.endswith(".pyc"):
-            yield place / entry.name, entry.read_text(encoding="utf-8")
+            yield path / entry.name, entry.read_text(encoding="utf-8")

@@ -46,13 +46,13 @@ class Fields:
     def of(cls, arrays: Mapping[str, np.ndarray]) -> "Fields":
         """The fields that `arrays` gave. Raises KeyError or ValueError for others."""
         grid = {kind.__name__: kind for kind in (Layer, Space, Ring)}[str(arrays["grid"])]
-        numbers, place, values = arrays["grid_numbers"].tolist(), 0, {}
+        numbers, offset, values = arrays["grid_numbers"].tolist(), 0, {}
         for part in fields_of(grid):
             if part.type is Span or part.type == "Span":
-                values[part.name], place = (numbers[place], numbers[place + 1]), place + 2
+                values[part.name], offset = (numbers[offset], numbers[offset + 1]), offset + 2
             else:
                 whole = part.type in (int, "int")
-                values[part.name], place = int(numbers[place]) if whole else numbers[place], place + 1
+                values[part.name], offset = int(numbers[offset]) if whole else numbers[offset], offset + 1
         return cls(grid(**values), float(arrays["omega"]), **{name: arrays.get(name) for name in _SUMS})  # pyright: ignore[reportArgumentType]
 
     @property
@@ -63,7 +63,7 @@ class Fields:
     @cached_property
     def velocity(self) -> np.ndarray:
         """V = momentum / density [m/s]."""
-        return _over(self.momentum, self.density)
+        return _ratio(self.momentum, self.density)
 
     @cached_property
     def kinetic_stress(self) -> np.ndarray:
@@ -84,7 +84,7 @@ class Fields:
         """O = sum l l phi / sum phi, of trace 1. Raises ValueError for grains without axes."""
         if self.axes is None:
             raise ValueError("spheres have no orientation")
-        return _over(self.axes, self.number)
+        return _ratio(self.axes, self.number)
 
     @property
     def nematic_order(self) -> np.ndarray:
@@ -145,7 +145,7 @@ def _of_grains(
     return np.column_stack([np.ones(len(v)), *(v.T * mass), *(one * mass for one in squares), *axes, *own])
 
 
-def _over(top: np.ndarray, bottom: np.ndarray) -> np.ndarray:
+def _ratio(top: np.ndarray, bottom: np.ndarray) -> np.ndarray:
     return np.divide(top, bottom, out=np.full(top.shape, np.nan), where=bottom > 0)
 
 
@@ -202,8 +202,8 @@ def _about_axis(compiled, grid: Ring, omega: float, grains: GrainRows, normalise
     out = np.zeros((threads, values.shape[1], *grid.shape))
     scale = 1.0 if normalised else _scale(grid, omega)
     vertical = (grid.z[0], (grid.z[1] - grid.z[0]) / grid.nz)
-    place, width, kinds = (rho[by_place], grains.x[by_place, 2]), grid.radius / grid.nr, np.array(orders)
-    compiled.about_axis(*place, values, kinds, width, vertical, omega, CUTOFF * omega, scale, normalised, out)
+    position, width, kinds = (rho[by_place], grains.x[by_place, 2]), grid.radius / grid.nr, np.array(orders)
+    compiled.about_axis(*position, values, kinds, width, vertical, omega, CUTOFF * omega, scale, normalised, out)
     sums = out.sum(axis=0)
     for first in range(4, 4 + 6 * tensors, 6):  # rr and tt from their sum and difference
         both, difference = sums[first].copy(), sums[first + 1].copy()

@@ -90,22 +90,22 @@ def _level(below: Callable[[float], float | None], volume: float, high: float) -
     Returns:
         The height; None if `below` does not define it.
     """
-    low, under = 0.0, -volume
+    low, low_residual = 0.0, -volume
     while (contained := below(high)) is not None and contained < volume:
-        low, under, high = high, contained - volume, 2 * high
+        low, low_residual, high = high, contained - volume, 2 * high
     if contained is None:
         return None
-    over, level, before = contained - volume, high, 0.0
+    high_residual, level, before = contained - volume, high, 0.0
     for _ in range(100):
-        level = high - over * (high - low) / (over - under)
+        level = high - high_residual * (high - low) / (high_residual - low_residual)
         off = (below(level) or 0.0) - volume
         if abs(off) <= 1e-14 * volume:
             break
         if off > 0:
             # Illinois: halve the residual of an end that stays twice, or convergence would be linear
-            high, over, under = level, off, under / 2 if before > 0 else under
+            high, high_residual, low_residual = level, off, low_residual / 2 if before > 0 else low_residual
         else:
-            low, under, over = level, off, over / 2 if before < 0 else over
+            low, low_residual, high_residual = level, off, high_residual / 2 if before < 0 else high_residual
         before = off
     return level
 

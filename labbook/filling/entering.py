@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labbook.filling.placed import Placed
+from labbook.filling.placed_centres import PlacedCentres
 from labbook.filling.placing import APART, clear_of_walls, free
 from labbook.filling.room import Room
 from labbook.scene import BedTop, Grains, Packing
@@ -35,9 +35,9 @@ class Entering:
         mine = rows[self.rows]
         q = None if self.q is None else self.q[self.rows]
         diameter, kind = (None if own is None else own[mine] for own in (every.diameter, every.kind))
-        rest = np.zeros((len(mine), 3))
+        zero = np.zeros((len(mine), 3))
         return Packing(
-            x=self.x[self.rows], v=rest + v, omega=rest, q=q, ids=every.ids[mine], diameter=diameter, kind=kind
+            x=self.x[self.rows], v=zero + v, omega=zero, q=q, ids=every.ids[mine], diameter=diameter, kind=kind
         )
 
 
@@ -86,7 +86,7 @@ def entering(room: Room, grains: Grains, searches: Sequence[Search], rounds: int
     # a fourth coordinate separates the beds: grains of different beds are never neighbours in the tree
     bed_of = np.concatenate([own, np.repeat(beds, [len(bed.x) for bed in there])])
     apart = bed_of[:, None] * (4 * (float(reach.max()) + grains.overhang))
-    waiting, placed, above = np.arange(n), np.arange(n, len(x)), Placed(np.hstack([x, apart])[n:])
+    waiting, placed, above = np.arange(n), np.arange(n, len(x)), PlacedCentres(np.hstack([x, apart])[n:])
     for k in range(rounds):
         if not len(waiting):
             break

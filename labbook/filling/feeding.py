@@ -110,6 +110,8 @@ def refill(beds: Sequence[Refill]) -> list[Packing | None]:
     for group in by_room.values():
         first = group[0][1]
         searches = [feeder.search(rows, beds[k].there, beds[k].beat) for k, feeder, rows in group]
-        for (k, feeder, rows), places in zip(group, entering(first.room, first.grains, searches, _TRIES), strict=True):
-            back[k] = places.packing(feeder.start, rows) if len(places.rows) else None
+        for (k, feeder, rows), positions in zip(
+            group, entering(first.room, first.grains, searches, _TRIES), strict=True
+        ):
+            back[k] = positions.packing(feeder.start, rows) if len(positions.rows) else None
     return back

@@ -93,11 +93,11 @@ def _kinds(grains: Grains, table: GrainTable, here: str) -> np.ndarray | Fault:
     if table.kind is None:
         reason = f"{here} does not tell which grains are {' or '.join(names)}"
         return Fault("grains.kinds", reason, "add a column kind (CSV) or type, or leave kinds out")
-    places = {label: place for place, kind in enumerate(names) for label in (kind, str(place + 1))}
-    if strange := sorted({*table.kind.tolist()} - {*places}):
-        listed = ", ".join(f"{place + 1} or {kind}" for place, kind in enumerate(names))
+    index_of_kind = {label: index for index, kind in enumerate(names) for label in (kind, str(index + 1))}
+    if strange := sorted({*table.kind.tolist()} - {*index_of_kind}):
+        listed = ", ".join(f"{index + 1} or {kind}" for index, kind in enumerate(names))
         return Fault("grains.kinds", f"{here} has grains of a kind {strange[0]}", f"use {listed}")
-    return np.array([places[label] for label in table.kind.tolist()], np.int64)
+    return np.array([index_of_kind[label] for label in table.kind.tolist()], np.int64)
 
 
 def _faults(grains: Grains, table: GrainTable, kind: np.ndarray | Fault, here: str) -> Iterator[Fault]:
@@ -128,19 +128,19 @@ def _faults_of_sizes(grains: Grains, table: GrainTable, kind: np.ndarray, here: 
         if any(not isinstance(sort.sizes, Equal) for sort in grains.species):
             yield Fault("grains.sizes", f"{here} has no diameters", "add a column diameter or radius")
         return
-    for place, sort in enumerate(grains.species):
-        own = diameter[kind == place]
+    for index, sort in enumerate(grains.species):
+        own = diameter[kind == index]
         low, high = sort.sizes.range(grains.diameter)
         if len(own) and (own.min() < low * (1 - _ROUNDED) or own.max() > high * (1 + _ROUNDED)):
             read, expected = (value_range(ends, "mm", 1e3) for ends in ((own.min(), own.max()), (low, high)))
-            label = f" of kind {grains.kinds[place].name}" if grains.kinds else ""
+            label = f" of kind {grains.kinds[index].name}" if grains.kinds else ""
             reason = f"diameters{label} in {here} are {read}, and in the study {expected}"
             yield Fault("grains.diameter", reason, "state the sizes of the file, for example by sizes: {kind: table}")
             return
     if isinstance(grains, Spheres) and grains.graded:
-        part = float(np.mean(diameter**3)) / grains.mean_cube
-        if abs(part - 1) > _SAMPLED + _SCATTER / math.sqrt(len(table)):
-            reason = f"the mean volume of a grain in {here} is {part:.3g} times that of the study's sizes"
+        fraction = float(np.mean(diameter**3)) / grains.mean_cube
+        if abs(fraction - 1) > _SAMPLED + _SCATTER / math.sqrt(len(table)):
+            reason = f"the mean volume of a grain in {here} is {fraction:.3g} times that of the study's sizes"
             yield Fault("grains.sizes", reason, "state the sizes of the file, for example by kind: list or table")
 
 
@@ -149,14 +149,14 @@ def _packing(grains: Grains, table: GrainTable, kind: np.ndarray | Fault, shift:
     diameter, q = None, None
     if isinstance(grains, Spheres) and grains.graded:
         diameter = np.empty(len(table))
-        for place, sort in enumerate(grains.species):
-            own = kind == place
+        for index, sort in enumerate(grains.species):
+            own = kind == index
             low, high = sort.sizes.range(grains.diameter)
             diameter[own] = low if table.diameter is None else np.clip(table.diameter[own], low, high)
     if table.axis is not None:
         q = turned_to(table.axis / np.linalg.norm(table.axis, axis=1)[:, None])
-    rest = np.zeros_like(table.x)
-    v, omega = (rest if column is None else column for column in (table.v, table.omega))
+    zero = np.zeros_like(table.x)
+    v, omega = (zero if column is None else column for column in (table.v, table.omega))
     sort = kind if grains.kinds else None
     return Packing(x=table.x + shift, v=v, omega=omega, q=q, diameter=diameter, kind=sort)
 
@@ -172,7 +172,7 @@ def _misplaced(grains: Grains, container: Container, packing: Packing, here: str
         first, several = int(np.argmin(inside)), int(np.sum(~inside))
         reason = (
             f"{several} grain{' lies' if several == 1 else 's lie'} outside the closed container, or in a wall by more "
-            f"than {MOST_OVERLAP:g} d; the first is grain {first + 1} of {here} at {_place(x[first])}"
+            f"than {MOST_OVERLAP:g} d; the first is grain {first + 1} of {here} at {_position_text(x[first])}"
         )
         yield Fault("fill.file", reason, "move all grains by fill.shift, or use the container of the file")
         return
@@ -180,8 +180,8 @@ def _misplaced(grains: Grains, container: Container, packing: Packing, here: str
     if pairs is not None:
         (first, second), deepest, several = pairs
         reason = (
-            f"grains {first + 1} and {second + 1} of {here} at {_place(x[first])} overlap by {deepest:.3g} d, more "
-            f"than {MOST_OVERLAP:g} d, as {several} pair{' does' if several == 1 else 's do'}"
+            f"grains {first + 1} and {second + 1} of {here} at {_position_text(x[first])} overlap by {deepest:.3g} d, "
+            f"more than {MOST_OVERLAP:g} d, as {several} pair{' does' if several == 1 else 's do'}"
         )
         yield Fault("fill.file", reason, "use a bed of stiffer grains")
 
@@ -206,5 +206,5 @@ def _overlaps(
     return (int(i[deepest]), int(j[deepest])), float(overlap[deepest]), int(np.sum(overlap > MOST_OVERLAP))
 
 
-def _place(x: np.ndarray) -> str:
+def _position_text(x: np.ndarray) -> str:
     return f"({', '.join(f'{1e3 * coordinate:.4g}' for coordinate in x)}) mm"

@@ -91,9 +91,9 @@ def _csv(text: str) -> GrainTable:
         if len(row) != len(names):
             raise GrainFileError(f"line {number}: {len(row)} entries below {len(names)} headings")
     columns = dict[str, np.ndarray]()
-    for place, name in enumerate(names):
+    for column, name in enumerate(names):
         if name in _UNITS:
-            columns[name] = factors[place] * np.array([_number(number, name, row[place]) for number, row in rows])
+            columns[name] = factors[column] * np.array([_number(number, name, row[column]) for number, row in rows])
     kind = np.array([row[names.index("kind")].strip() for _, row in rows]) if "kind" in names else None
     return _table(columns, kind, _HEADINGS)
 
@@ -146,13 +146,13 @@ def _dump(text: str) -> GrainTable:
     end = next((number for number in heads if number > start), len(lines))
     _check_units(next(iter(_item(lines, heads, start, "ITEM: UNITS")), ""))
     names = lines[start].split()[2:]
-    places = {name: place for place, name in enumerate(names) if name in _DUMPED}  # others may be text
+    column_of = {name: column for column, name in enumerate(names) if name in _DUMPED}  # others may be text
     body = [line for line in lines[start + 1 : end] if line.strip()]
-    rows = _numbers(body, start + 2, tuple(places.values()), None)
-    columns = dict(zip(places, rows.T, strict=True))
-    counted = "".join(_item(lines, heads, start, "ITEM: NUMBER OF ATOMS")).strip()
-    if counted and str(len(rows)) != counted:
-        raise GrainFileError(f"line {start + 1}: {len(rows)} of {counted[:20]} atoms follow; the dump is cut off")
+    rows = _numbers(body, start + 2, tuple(column_of.values()), None)
+    columns = dict(zip(column_of, rows.T, strict=True))
+    count_text = "".join(_item(lines, heads, start, "ITEM: NUMBER OF ATOMS")).strip()
+    if count_text and str(len(rows)) != count_text:
+        raise GrainFileError(f"line {start + 1}: {len(rows)} of {count_text[:20]} atoms follow; the dump is cut off")
     for axis, bounds in zip("xyz", _item(lines, heads, start, "ITEM: BOX BOUNDS"), strict=False):
         low, high = _box(bounds)
         if axis not in columns and f"{axis}s" in columns:

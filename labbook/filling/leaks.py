@@ -49,7 +49,7 @@ class Leak:
     spacing: float
 
     @property
-    def place(self) -> str:
+    def position_text(self) -> str:
         """Coordinates of `at`, in words."""
         x, y, z = (1e3 * value if abs(value) > 1e-6 * self.spacing else 0.0 for value in self.at)
         return f"x, y, z = {x:.3g}, {y:.3g}, {z:.3g} mm"

@@ -16,7 +16,7 @@ import numpy as np
 
 from labbook.filling import from_file
 from labbook.filling.from_file import GrainFile
-from labbook.filling.placed import Placed
+from labbook.filling.placed_centres import PlacedCentres
 from labbook.filling.relaxing import Crowd
 from labbook.filling.room import DENSEST, JAMMED, Full, PlacingError, Room, first_come
 from labbook.plugins import Registry
@@ -260,9 +260,9 @@ class Dense(Start):
         lid = max(level, lowest + grains.half_length) + grains.radius  # the uppermost grains are no closed layer
         if (placed := crowd.scatter(rng, lid)) < grains.count or not crowd.separate(rng, lid):
             raise no_room(closed, placed, lid)
-        rest = np.zeros_like(crowd.x)
+        zero = np.zeros_like(crowd.x)
         q = None if crowd.a is None else turned_to(crowd.a)
-        return Packing(x=crowd.x, v=rest, omega=rest, q=q, diameter=diameter, kind=sort)
+        return Packing(x=crowd.x, v=zero, omega=zero, q=q, diameter=diameter, kind=sort)
 
 
 class FromFile(Start):
@@ -393,7 +393,7 @@ def _place_equal(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Place grains of equal size: centres [m], shape [n, 3], and orientations of rods, shape [n, 4]. Raises Full."""
     grains = closed.grains
-    there, q = Placed(np.empty((0, 3))), np.empty((0, 4))
+    there, q = PlacedCentres(np.empty((0, 3))), np.empty((0, 4))
     for _ in range(_ROUNDS):
         lacking = grains.count - len(there)
         if lacking == 0:
@@ -429,7 +429,7 @@ def clear_of_walls(
     return free
 
 
-def _apart(trial: np.ndarray, there: Placed, distance: float) -> np.ndarray:
+def _apart(trial: np.ndarray, there: PlacedCentres, distance: float) -> np.ndarray:
     """Mark the points `trial`, taken in their order, that keep `distance` [m] from `there` and from each other."""
     from scipy.spatial import KDTree
 
@@ -439,7 +439,9 @@ def _apart(trial: np.ndarray, there: Placed, distance: float) -> np.ndarray:
     return accepted
 
 
-def _apart_turned(grains: Grains, trial: np.ndarray, turns: np.ndarray, there: Placed, q: np.ndarray) -> np.ndarray:
+def _apart_turned(
+    grains: Grains, trial: np.ndarray, turns: np.ndarray, there: PlacedCentres, q: np.ndarray
+) -> np.ndarray:
     """Mark grains centred at `trial` as `_apart` does points; orientations are `turns`, and `q` of those in `there`."""
     from scipy.spatial import KDTree
 
@@ -478,7 +480,7 @@ def place_graded(room: Room, rng: np.random.Generator, top: float, reach: np.nda
         Full: Not all find a place.
     """
     x, waiting = np.empty((len(reach), 3)), np.arange(len(reach))
-    placed, there = waiting[:0], Placed(x[:0])
+    placed, there = waiting[:0], PlacedCentres(x[:0])
     for _ in range(_ROUNDS):
         if len(waiting) == 0:
             return x
@@ -494,7 +496,7 @@ def place_graded(room: Room, rng: np.random.Generator, top: float, reach: np.nda
 def free(
     x: np.ndarray,
     reach: np.ndarray,
-    there: Placed,
+    there: PlacedCentres,
     placed: np.ndarray,
     trying: np.ndarray,
     turned: tuple[Grains, np.ndarray] | None = None,

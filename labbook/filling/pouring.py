@@ -91,7 +91,7 @@ class Pouring:
 
     def first(self) -> Packing:
         """Return the first grains. Raises PlacingError if none finds a place."""
-        nobody = self.every.part(np.zeros(0, np.int64))
+        nobody = self.every.subset(np.zeros(0, np.int64))
         grains = self.entering(BedTop.of(nobody), self.order[: self.due(0)], 0)
         if grains is None:
             raise PlacingError(
@@ -120,9 +120,9 @@ class Pouring:
         if not len(rows):
             return there
         rng = np.random.default_rng([*self._key[:2], 5])
-        parts = there.arrays(), self.every.part(rows).arrays()
-        own = {name: np.concatenate([part[name] for part in parts]) for name in ("ids", "q", "diameter", "kind")
-               if name in parts[0]}  # fmt: skip
+        tables = there.arrays(), self.every.subset(rows).arrays()
+        own = {name: np.concatenate([table[name] for table in tables]) for name in ("ids", "q", "diameter", "kind")
+               if name in tables[0]}  # fmt: skip
         x, v = rng.uniform(self._low, self._high, (len(rows), 3)), np.tile(self._stream.velocity, (len(rows), 1))
         return replace(
             there,
@@ -142,11 +142,11 @@ class Pouring:
         def draw(_: int, reach: np.ndarray) -> np.ndarray:
             return rng.uniform(low + reach[:, None], high - reach[:, None])
 
-        close = np.all((there.x > self._low - self._near) & (there.x < self._high + self._near), axis=1)
-        bed = there.part(close)
+        near = np.all((there.x > self._low - self._near) & (there.x < self._high + self._near), axis=1)
+        bed = there.subset(near)
         search = Search(self._radius[rows], bed, self._radius[bed.ids], rng, draw)
-        [places] = entering(self._room, self._scene.grains, [search], _TRIES)
-        return places.packing(self.every, rows, stream.velocity) if len(places.rows) else None
+        [positions] = entering(self._room, self._scene.grains, [search], _TRIES)
+        return positions.packing(self.every, rows, stream.velocity) if len(positions.rows) else None
 
 
 class Inflow:
@@ -179,6 +179,6 @@ def _order(scene: Scene, stream: Stream, kind: np.ndarray | None, rng: np.random
     if kind is None or strange or lacking:
         wrong = f"no kind is called {strange[0]}" if strange else f"no layer is of the kind {(lacking or ['?'])[0]}"
         raise PlacingError(f"stream.layers: {wrong}; name each of grains.kinds, as {names}")
-    shares = {name: np.array_split(rng.permutation(np.flatnonzero(kind == place)), stream.layers.count(name))
-              for place, name in enumerate(names)}  # fmt: skip
+    shares = {name: np.array_split(rng.permutation(np.flatnonzero(kind == index)), stream.layers.count(name))
+              for index, name in enumerate(names)}  # fmt: skip
     return np.concatenate([shares[name].pop(0) for name in stream.layers])

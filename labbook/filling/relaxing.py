@@ -155,9 +155,9 @@ class Crowd:
         branch = _rows(self.x, i) - _rows(self.x, j)
         if self.a is None:
             return branch, _length(branch), None
-        places = np.array(nearest(branch, self.a[i], self.a[j], self._half))
-        branch += places[0][:, None] * self.a[i] - places[1][:, None] * self.a[j]
-        return branch, _length(branch), places
+        lever_lengths = np.array(nearest(branch, self.a[i], self.a[j], self._half))
+        branch += lever_lengths[0][:, None] * self.a[i] - lever_lengths[1][:, None] * self.a[j]
+        return branch, _length(branch), lever_lengths
 
     def _gaps(self) -> np.ndarray:
         """Gaps [m] between the listed ends and walls."""
@@ -166,7 +166,7 @@ class Crowd:
 
     def _push(self) -> bool:
         """Take one step if any grains overlap, or a grain and a wall; True if it did."""
-        branch, distance, places = self._branches(self._i, self._j)
+        branch, distance, lever_lengths = self._branches(self._i, self._j)
         if (distance >= self._least).all() and (self._gaps() >= 0).all():
             return False
         overlap = self._least * (1 + MARGIN) - distance
@@ -174,8 +174,8 @@ class Crowd:
         along = _rows(branch, hit) / np.maximum(distance[hit], 1e-3 * self._least[hit])[:, None]
         by = (_PART * overlap[hit])[:, None] * along
         both = np.concatenate([self._i[hit], self._j[hit]])
-        places = None if places is None else places[:, hit].ravel()
-        dx, da = self._shifts(both, np.concatenate([by, -by]), places)
+        lever_lengths = None if lever_lengths is None else lever_lengths[:, hit].ravel()
+        dx, da = self._shifts(both, np.concatenate([by, -by]), lever_lengths)
         x, a = self.x, self.a
         dx += _INERTIA * self._step[0]
         dx *= np.minimum(1, _LONGEST * self._reach / np.maximum(_length(dx), 1e-300))[:, None]
@@ -193,29 +193,31 @@ class Crowd:
         short = _CLEAR * self._wall_reach - self._gaps()
         out = (short > 0).nonzero()[0]
         end, n = self._end[out], len(self.x)
-        places = None if self.a is None else np.where(end < n, self._half, -self._half)
-        dx, da = self._shifts(end % n, short[out, None] * self._normal[out], places)
+        lever_lengths = None if self.a is None else np.where(end < n, self._half, -self._half)
+        dx, da = self._shifts(end % n, short[out, None] * self._normal[out], lever_lengths)
         self.x = self.x + dx
         if self.a is not None:
             self.a = _unit(self.a + da)
 
-    def _shifts(self, grains: np.ndarray, by: np.ndarray, places: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def _shifts(
+        self, grains: np.ndarray, by: np.ndarray, lever_lengths: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Distribute displacements at points of grains over translations and rotations, by mobility.
 
         Args:
             grains: Indices of the grains, shape [m].
             by: Displacements of the points [m], shape [m, 3].
-            places: Positions of the points on the segments of rods [m], shape [m]; None for spheres.
+            lever_lengths: Positions of the points on the segments of rods [m], shape [m]; None for spheres.
 
         Returns:
             Displacements [m] of all grains and changes of their axes, each of shape [n, 3].
         """
         n = len(self.x)
-        if self.a is None or places is None:
+        if self.a is None or lever_lengths is None:
             return _summed(grains, by, n), self._step[1]
         a = self.a[grains]
-        by = by / (1 + places**2 / self._gyration)[:, None]
-        turns = (places / self._gyration)[:, None] * (by - np.einsum("ij,ij->i", by, a)[:, None] * a)
+        by = by / (1 + lever_lengths**2 / self._gyration)[:, None]
+        turns = (lever_lengths / self._gyration)[:, None] * (by - np.einsum("ij,ij->i", by, a)[:, None] * a)
         return _summed(grains, by, n), _summed(grains, turns, n)
 
 

@@ -11,7 +11,7 @@ from labbook.scene.geometry import Bounds
 from labbook.scene.walls import Symmetry
 
 _N = TypeVar("_N")
-_COUNTED: dict[tuple[str, float, bool, str, float], Any] = {}
+_GRID_RESULTS: dict[tuple[str, float, bool, str, float], Any] = {}
 """Heights and volumes that a `Room` has counted, by walls, clearance, flatness, name and argument. Counting takes
 longer
 than placing a thousand grains, and every seed of a scene needs the same."""
@@ -130,8 +130,8 @@ class Room:
             inside &= np.hypot(x[:, 0], x[:, 1]) <= self.x[1] + self.clearance - clearance
         carried = np.zeros(len(x), bool)
         for shape in self.shapes:
-            rest = np.flatnonzero(inside & ~carried)
-            carried[rest] = shape.carries(x[rest])
+            undecided = np.flatnonzero(inside & ~carried)
+            carried[undecided] = shape.carries(x[undecided])
             if self.poured:
                 inside &= ~shape.covers(x)
         return inside & carried
@@ -197,20 +197,20 @@ class Room:
         Its section is counted on a grid of 200 points across, or 24 x 24, and 400 up to where a straight container
         would hold the volume. Above, it is taken to be as wide as its widest part.
         """
-        return self._once("height", volume, self._counted_height)
+        return self._once("height", volume, self._height_on_grid)
 
     def _once(self, name: str, of: float, count: Callable[[float], _N]) -> _N:
         key = repr(self.shapes), self.clearance, self.flat, name, of
-        if key not in _COUNTED:
-            _COUNTED[key] = count(of)
-        return _COUNTED[key]
+        if key not in _GRID_RESULTS:
+            _GRID_RESULTS[key] = count(of)
+        return _GRID_RESULTS[key]
 
-    def _counted_height(self, volume: float) -> float:
+    def _height_on_grid(self, volume: float) -> float:
         area = self._area
         flat = self.bottom + volume / area
-        inside, weights = self._counted(np.linspace(self.bottom, flat, 400), None)
-        part = np.average(inside.ravel(), weights=None if weights is None else np.tile(weights, len(inside)))
-        return flat + (1 - float(part)) * (flat - self.bottom) + 2 * self.clearance
+        inside, weights = self._inside_on_grid(np.linspace(self.bottom, flat, 400), None)
+        fraction = np.average(inside.ravel(), weights=None if weights is None else np.tile(weights, len(inside)))
+        return flat + (1 - float(fraction)) * (flat - self.bottom) + 2 * self.clearance
 
     @property
     def _area(self) -> float:
@@ -218,7 +218,7 @@ class Room:
         wide, deep = self._size
         return math.pi / 4 * wide * deep if self.round else wide * deep
 
-    def _counted(self, z: np.ndarray, clearance: float | None) -> tuple[np.ndarray, np.ndarray | None]:
+    def _inside_on_grid(self, z: np.ndarray, clearance: float | None) -> tuple[np.ndarray, np.ndarray | None]:
         """Mark the points of the section inside the room at some heights.
 
         Args:
@@ -249,9 +249,9 @@ class Room:
             The height; None if there is never so much room, infinite if there is none for any volume.
         """
         clearance = self.clearance if clearance is None else clearance
-        return self._once(f"level {clearance}", volume, lambda volume: self._counted_level(volume, clearance))
+        return self._once(f"level {clearance}", volume, lambda volume: self._level_on_grid(volume, clearance))
 
-    def _counted_level(self, volume: float, clearance: float) -> float | None:
+    def _level_on_grid(self, volume: float, clearance: float) -> float | None:
         high = volume / self._area
         any_room = False
         for _ in range(_DOUBLINGS):
@@ -272,9 +272,9 @@ class Room:
 
         Counted on a grid of 200 points across, or 24 x 24.
         """
-        inside, weights = self._counted(z, clearance)
-        part = np.average(inside, axis=1, weights=weights)
-        return np.concatenate([[0.0], np.cumsum((part[1:] + part[:-1]) / 2 * np.diff(z) * self._area)])
+        inside, weights = self._inside_on_grid(z, clearance)
+        fraction = np.average(inside, axis=1, weights=weights)
+        return np.concatenate([[0.0], np.cumsum((fraction[1:] + fraction[:-1]) / 2 * np.diff(z) * self._area)])
 
 
 def _start_of(closed: Container) -> float:

@@ -215,7 +215,7 @@ def fit_bulk(profile: BulkProfile, confidence: float = 0.95) -> dict[str, BulkFi
         return (profile.vertical - profile.specific_weight * vertical) / profile.error
 
     largest = float(profile.vertical.max()) / profile.specific_weight
-    starts = [np.array([math.log(part * largest)]) for part in (1.0, 3.0)]
+    starts = [np.array([math.log(fraction * largest)]) for fraction in (1.0, 3.0)]
     fits = _fits(residuals, profile.depth, ("length",), starts, confidence)
     return {fit.model: BulkFit(**vars(fit), profile=profile) for fit in fits}
 
@@ -297,8 +297,8 @@ def _exp(value: float) -> float:
 
 def _starts(profile: WallProfile) -> list[np.ndarray]:
     starts = []
-    for part in _STARTS:
-        length = part * 4 * profile.section
+    for fraction in _STARTS:
+        length = fraction * 4 * profile.section
         vertical = profile.specific_weight * vertical_stress("J1", profile.depth, length)
         starts.append(np.array([math.log(length), math.log(max(float(profile.normal.sum() / vertical.sum()), 1e-3))]))
     return starts

@@ -161,8 +161,8 @@ class NoCatalogue(LabError):
     """The index is missing, damaged, or of another version of labbook; the message gives the remedy."""
 
     def __init__(self, lab: LabFolder, fault: str):
-        place = server.address(lab)
-        where = f"the index at {place.display}" if place else lab.catalogue
+        address = server.address(lab)
+        where = f"the index at {address.display}" if address else lab.catalogue
         super().__init__(f"{where} {fault}; make it again: {command('reindex', lab=lab.folder)}")
 
 
@@ -180,8 +180,8 @@ def open_engine(lab: LabFolder, *, read_only: bool) -> Engine:
     Raises:
         LabError: The address of the server cannot be read, or its driver is missing.
     """
-    place = server.address(lab)
-    return server.engine(place) if place else connect(lab.catalogue, read_only=read_only)
+    address = server.address(lab)
+    return server.engine(address) if address else connect(lab.catalogue, read_only=read_only)
 
 
 def on_server(engine: Engine | Connection) -> bool:
@@ -275,9 +275,9 @@ def is_damage(error: DatabaseError) -> bool:
 def index_error(lab: LabFolder, error: DatabaseError) -> LabError:
     """Translate an error of the database of `lab` into a LabError with a remedy."""
     why, path = str(error.orig), lab.catalogue
-    if place := server.address(lab):
+    if address := server.address(lab):
         return LabError(
-            f"{place.display}: {server.why(error)}; check that the server can be reached, or move the index back: "
+            f"{address.display}: {server.why(error)}; check that the server can be reached, or move the index back: "
             f"{command('reindex', '--index', 'file', lab=lab.folder)}"
         )
     if is_damage(error):
@@ -339,22 +339,22 @@ def shadow_index(lab: LabFolder) -> Iterator[Engine]:
 
     The caller has to hold the lock `index` of the lab: only one process at a time may build it. Raises LabError.
     """
-    place, path = server.address(lab), _shadow_path(lab)
-    if place is None:
+    address, path = server.address(lab), _shadow_path(lab)
+    if address is None:
         remove_file(path)  # left by a process that was killed
         engine = connect(path, read_only=False)
     else:
-        engine = server.engine(place.shadow_index)
+        engine = server.engine(address.shadow_index)
     try:
         with transaction(engine, lab) as connection:
-            if place is not None:
-                connection.execute(DropSchema(place.shadow_index.schema, cascade=True, if_exists=True))
-                connection.execute(CreateSchema(place.shadow_index.schema))
+            if address is not None:
+                connection.execute(DropSchema(address.shadow_index.schema, cascade=True, if_exists=True))
+                connection.execute(CreateSchema(address.shadow_index.schema))
             make_tables(connection)
         yield engine
     finally:
         engine.dispose()
-        if place is None:
+        if address is None:
             remove_file(path)
 
 
@@ -369,11 +369,11 @@ def replace_index(engine: Engine, lab: LabFolder) -> None:
     """
     if on_server(engine):
         with transaction(engine, lab) as connection:
-            place = server.address(lab)
-            assert place is not None
-            connection.execute(CreateSchema(place.schema, if_not_exists=True))
-            replace_tables(connection, place.schema, place.shadow_index.schema)
-            connection.execute(DropSchema(place.shadow_index.schema, cascade=True))
+            address = server.address(lab)
+            assert address is not None
+            connection.execute(CreateSchema(address.schema, if_not_exists=True))
+            replace_tables(connection, address.schema, address.shadow_index.schema)
+            connection.execute(DropSchema(address.shadow_index.schema, cascade=True))
         return
     with open_connection(engine, lab) as connection:
         # SQLite attaches and detaches files outside of transactions only, so neither is part of the exchange.

@@ -401,7 +401,7 @@ def _add_failure(collected: Numbers, run: FinishedRun, measure: Measure, reason:
 
 def _add_numbers(collected: Numbers, run: FinishedRun, measure: Measure, rows: Sequence[Row]) -> None:
     """Add the numbers of one measure, in the order in which the measure declares them."""
-    order = {quantity.name: place for place, quantity in enumerate(measure.declared)}
+    order = {quantity.name: index for index, quantity in enumerate(measure.declared)}
     for row in sorted(rows, key=lambda row: order.get(row["quantity"], len(order))):
         if not row["method"]:  # the row stands for the measure, which gave no number
             if row["note"] != NO_NUMBER:

@@ -291,7 +291,7 @@ class LabFolder:
         """Move the complete folder `source` to `destination`; an older folder there is replaced.
 
         `source` lies in the work folder of its key, whose claim the caller holds. Its files are synchronised here. A
-        kill between moving the old folder out and the new one in is repaired by `mend`. The names of both are on the
+        kill between moving the old folder out and the new one in is repaired by `recover`. The names of both are on the
         disk before either moves, so that at least one of them survives a power failure.
         """
         work = source.parent
@@ -316,13 +316,13 @@ class LabFolder:
         """Path of the older run or packing `key` while a new one takes its place."""
         return self.work(key) / "replaced"
 
-    def is_torn(self, key: str, destination: Path) -> bool:
+    def is_interrupted(self, key: str, destination: Path) -> bool:
         """Check whether a kill within `put` has left `destination` empty."""
         return self.replaced(key).exists() and not destination.exists()
 
-    def mend(self, key: str, destination: Path) -> None:
+    def recover(self, key: str, destination: Path) -> None:
         """Undo a `put` that a kill interrupted; the caller holds the claim of `key`."""
-        if self.is_torn(key, destination):
+        if self.is_interrupted(key, destination):
             make_folder(destination.parent)
             os.rename(self.replaced(key), destination)
             sync_folder(destination.parent)
@@ -349,7 +349,7 @@ class LabListing:
     @classmethod
     def of(cls, lab: LabFolder) -> "LabListing":
         """List the keys that `lab` has now."""
-        return cls(*({*folders(place)} for place in (lab.runs, lab.packings, lab.works)))
+        return cls(*({*folders(folder)} for folder in (lab.runs, lab.packings, lab.works)))
 
 
 def folders(parent: Path) -> list[str]:
@@ -442,18 +442,18 @@ def remove(path: Path) -> None:
 
 def write_bytes(path: Path, content: bytes, *, durable: bool = True) -> None:
     """Write a file atomically: readers see the old content or the new, after a crash too if `durable`."""
-    part = path.with_name(path.name + ".part")
+    partial = path.with_name(path.name + ".part")
     try:
-        with open(part, "wb") as file:
+        with open(partial, "wb") as file:
             file.write(content)
             file.flush()
             if durable:  # before the rename: else a crash may leave the new name with no content
                 os.fsync(file.fileno())
-        os.replace(part, path)
+        os.replace(partial, path)
     except OSError as error:
         error.filename = error.filename or str(path)  # write() and fsync() name no file; messages need one
         with suppress(OSError):
-            part.unlink()
+            partial.unlink()
         raise
 
 

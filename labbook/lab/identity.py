@@ -216,8 +216,8 @@ def _written_walls(scene: Scene, versions: Versions) -> Text:
         surfaces = tuple([_surfaces(scene, wall) for wall in walls])
     else:  # all walls are like the grains
         surfaces = tuple([_surfaces(scene, wall) for wall in walls[:1]])
-    places = [place for wall in walls for place in _PLACES[type(wall.shape)](wall.shape)]
-    numbers = [number + 0.0 for place in places for number in place]  # + 0.0: canonical JSON has no -0.0
+    positions = [position for wall in walls for position in _PLACES[type(wall.shape)](wall.shape)]
+    numbers = [number + 0.0 for position in positions for number in position]  # + 0.0: canonical JSON has no -0.0
     return Text(_around(blank, surfaces, bool(scene.grains.kinds)) % tuple(numbers))
 
 
@@ -230,10 +230,10 @@ def _around(
     """JSON text of walls with `%r` in place of the numbers of their shapes; `surfaces`: for each wall, or one for
     all."""
     entries = list[dict[str, Any]]()
-    for place, (name, shape, motion) in enumerate(walls):
+    for index, (name, shape, motion) in enumerate(walls):
         size = 3 if shape is Plane else 2
         blank = {key: field.default if key == "kind" else [_SLOT] * size for key, field in shape.model_fields.items()}
-        entries.append(_wall(name, blank, motion, surfaces[place % len(surfaces)], by_kind))
+        entries.append(_wall(name, blank, motion, surfaces[index % len(surfaces)], by_kind))
     return canonical(entries).replace("%", "%%").replace(_SLOT, "%r")  # names of walls may have a percent sign
 
 

@@ -33,7 +33,7 @@ from labbook.lab.database import (
 )
 from labbook.lab.evaluations import derive, expected, finite
 from labbook.lab.folder import LabError, LabFolder, folders, is_beside, make_folder, remove, stamp
-from labbook.lab.packings import PackingRecord, is_sealed, read_packing, seal
+from labbook.lab.packings import PackingRecord, add_checksum, has_checksum, read_packing
 from labbook.lab.records import UNREADABLE, Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, run_data
 from labbook.lab.suspect import suspicion
@@ -113,9 +113,13 @@ class Index:
         lab = self.lab
         lab.sweep("index")
         for key in lab.working():
-            for kind, place in ((RunRecord, lab.run(key)), (PackingRecord, lab.packing(key))):
-                if lab.is_torn(key, place) and (lab.replaced(key) / kind.FILE).exists() and (claim := lab.claim(key)):
-                    lab.mend(key, place)
+            for kind, folder in ((RunRecord, lab.run(key)), (PackingRecord, lab.packing(key))):
+                if (
+                    lab.is_interrupted(key, folder)
+                    and (lab.replaced(key) / kind.FILE).exists()
+                    and (claim := lab.claim(key))
+                ):
+                    lab.recover(key, folder)
                     claim.release()
 
     def _open(self) -> bool:
@@ -156,9 +160,9 @@ class Index:
         """Add the hash of their arrays to older packings; those that cannot be written stay as they are."""
         for key in folders(self.lab.packings):
             with suppress(OSError):
-                if not is_sealed(self.lab.packing(key)) and (claim := self.lab.claim(key)):
+                if not has_checksum(self.lab.packing(key)) and (claim := self.lab.claim(key)):
                     try:
-                        seal(self.lab.packing(key))
+                        add_checksum(self.lab.packing(key))
                     finally:
                         claim.release()
 

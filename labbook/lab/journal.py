@@ -20,7 +20,7 @@ from pydantic import Field, ValidationError
 from labbook.backend import Checkpoint
 from labbook.backend.probes import Table, describe_probe
 from labbook.lab.folder import LabError, LabFolder, make_folder, open_file, room, sync_folder, write_bytes
-from labbook.lab.records import MAX_RECORD_BYTES, Part, RunRecord, Session, Unreadable, Whole
+from labbook.lab.records import MAX_RECORD_BYTES, RunRecord, Session, StoredModel, Unreadable, Whole
 from labbook.lab.runs import RECORDING, check_keys, film_of, read_end, read_recording, read_tables
 from labbook.lab.tables import join, read_checkpoint, read_table, write_checkpoint, write_table
 
@@ -29,7 +29,7 @@ FAILURE = "failed.json"
 FileName = Annotated[str, Field(pattern=r"^[a-z]+-\d+\.npz$")]
 
 
-class Progress(Part):
+class Progress(StoredModel):
     """Content of `progress.json`: the last save.
 
     Args:
@@ -84,7 +84,7 @@ class Progress(Part):
         return {self.checkpoint, *(name for names in self.chunks.values() for name in names)}
 
 
-class FillingFailure(Part):
+class FillingFailure(StoredModel):
     """Failure of a filling, on disk; the next save of the filling, or its end, removes the file.
 
     Args:

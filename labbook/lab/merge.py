@@ -105,11 +105,14 @@ def merge(index: Index, source: Path) -> Merged:
 
 def bring(index: Index, source_lab: LabFolder, packings: Iterable[str], runs: Iterable[str]) -> None:
     """Copy packings and runs of another lab that are to be continued here; those that cannot be read are skipped."""
-    for keys, place, merge_one in ((packings, source_lab.packing, _merge_packing), (runs, source_lab.run, _merge_run)):
+    for keys, folder_of, merge_one in (
+        (packings, source_lab.packing, _merge_packing),
+        (runs, source_lab.run, _merge_run),
+    ):
         for key in keys:
             with suppress(Unreadable):  # it is made again
-                if place(key).is_dir():
-                    merge_one(index, index.lab, place(key))
+                if folder_of(key).is_dir():
+                    merge_one(index, index.lab, folder_of(key))
 
 
 def _entries(folder: Path) -> list[str]:
@@ -226,16 +229,16 @@ def _merge_study(lab: LabFolder, name: str, theirs: Path, merged: Merged) -> Non
     calibration = _text(beside, MAX_BYTES) if beside.exists() else None
     listed = theirs.with_suffix(attached.LIST)
     files = _text(listed, MAX_BYTES) if listed.exists() else None
-    with _write_errors(theirs, studies.place(lab, name)):
+    with _write_errors(theirs, studies.study_path(lab, name)):
         before = studies.add(lab, name, text, calibration, files)
     if before is None:
         merged.studies.append(name)
     elif before != text:
-        merged.stayed.append(f"the study file {name} of this lab differs and is kept: {studies.place(lab, name)}")
+        merged.stayed.append(f"the study file {name} of this lab differs and is kept: {studies.study_path(lab, name)}")
 
 
 def _merge_note(lab: LabFolder, kind: notes.Kind, name: str, theirs: Path, merged: Merged) -> None:
-    text, mine = _text(theirs, notes.MOST_BYTES), notes.place(lab, kind, name)
+    text, mine = _text(theirs, notes.MOST_BYTES), notes.note_path(lab, kind, name)
     try:
         note, before = notes.parsed(text.encode()), notes.read(lab, kind, name)
     except ValueError as problem:
@@ -326,7 +329,7 @@ def _staging_folder(lab: LabFolder, key: str, theirs: Path, mine: Path) -> Itera
         raise Unreadable(f"{theirs}: another process works on it; import again later")
     work = lab.work(key)
     try:
-        lab.mend(key, mine)
+        lab.recover(key, mine)
         remove(work / "done")
         yield work / "done"
     finally:

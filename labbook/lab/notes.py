@@ -181,7 +181,7 @@ def _find_path(lab: LabFolder, kind: Kind, name: str) -> Path:
         ValueError: `name` cannot be the name of a study or run.
         LabError: The beginning of the key matches several runs.
     """
-    path = place(lab, kind, name)
+    path = note_path(lab, kind, name)
     if kind == "study" or os.path.lexists(path):
         return path
     for short, file in _files(lab, kind).items():
@@ -200,7 +200,7 @@ def folder(lab: LabFolder, kind: Kind) -> Path:
     return lab.notes / _FOLDERS[kind]
 
 
-def place(lab: LabFolder, kind: Kind, name: str) -> Path:
+def note_path(lab: LabFolder, kind: Kind, name: str) -> Path:
     """Path of the note on the study or run `name`. Raises ValueError if it cannot be the name of one."""
     if not _is_name(kind, name):
         rule = "8 to 64 digits and letters a to f" if kind == "run" else "letters, digits, - and _"

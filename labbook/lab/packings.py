@@ -65,15 +65,15 @@ def write_packing(folder: Path, record: PackingRecord, packing: Packing) -> None
     record.model_copy(update={"arrays": _hash(arrays)}).write(folder, durable=False)
 
 
-def is_sealed(folder: Path) -> bool:
-    """Return True if the record has the hash of the arrays, or cannot be read: `seal` has nothing to do."""
+def has_checksum(folder: Path) -> bool:
+    """Return True if the record has the hash of the arrays, or cannot be read: `add_checksum` has nothing to do."""
     try:
         return PackingRecord.read(folder).arrays is not None
     except Unreadable:
         return True
 
 
-def seal(folder: Path) -> None:
+def add_checksum(folder: Path) -> None:
     """Add the hash of its arrays to the record of an older packing, unless it cannot be read; the caller holds its
     claim."""
     try:

@@ -73,7 +73,7 @@ class Unreadable(Exception):
     """The content of a folder cannot be used; the message names file and reason."""
 
 
-class Part(BaseModel):
+class StoredModel(BaseModel):
     """Frozen part of a record; an unknown key is an error."""
 
     # "constants": the rule of a fed bed has an infinite `discharged`, which JSON would else store as null
@@ -118,7 +118,7 @@ def _first_problem(error: ValidationError) -> str:
     return ": ".join(filter(None, (".".join(map(str, first["loc"])), first["msg"].removeprefix("Value error, "))))
 
 
-class Session(Part):
+class Session(StoredModel):
     """Part of a computation that ran within one process."""
 
     from_step: Whole
@@ -136,7 +136,7 @@ class Session(Part):
     provenance: Annotated[dict[str, Any], AfterValidator(_is_provenance)] = {}
 
 
-class FolderRecord(Part):
+class FolderRecord(StoredModel):
     """Record of a folder: how its content was computed, in one or more sessions.
 
     Subclasses state `FILE`, the name of the record's file, and `KEY`, the field with the key by which the folder is
@@ -220,7 +220,7 @@ def _seal(text: bytes) -> str:
     return hashlib.blake2b(text, digest_size=16).hexdigest()
 
 
-class RunLedger(Part):
+class RunLedger(StoredModel):
     """Extremes over all steps of a run, and the final balance of its grains; None where a value is unknown."""
 
     overlap: Measure | None
@@ -272,7 +272,7 @@ grain is left. `clogged`: no grain left for the stall time, a censored waiting t
 """
 
 
-class Precise(Part):
+class Precise(StoredModel):
     """Demanded precision of the flow rate of one run."""
 
     flow_rate: float
@@ -281,7 +281,7 @@ class Precise(Part):
     """End of the start-up: discharged mass as a fraction of the mass of the bed."""
 
 
-class StopRule(Part):
+class StopRule(StoredModel):
     """Conditions that end a discharge."""
 
     discharged: float
@@ -311,7 +311,7 @@ class StopRule(Part):
         return mine.start == theirs.start and mine.flow_rate <= theirs.flow_rate * (1 + 1e-12)
 
 
-class Coverage(Part):
+class Coverage(StoredModel):
     """Extent of a run and its observations, which demands are compared with."""
 
     duration: Measure
@@ -389,7 +389,7 @@ class Coverage(Part):
         return self.duration - self.last_crossing
 
 
-class RunFailure(Part):
+class RunFailure(StoredModel):
     """Divergence of a run: guard, step, grain and message. The folder holds the state at the last good beat."""
 
     guard: str
@@ -403,7 +403,7 @@ def repeat(seed: int, discharge: int = 1) -> str:
     return f"seed {seed}" if discharge == 1 else f"seed {seed}, discharge {discharge}"
 
 
-class Observe(Part):
+class Observe(StoredModel):
     """Measures of a run and their window.
 
     `start`, `end`: fractions of the initial mass discharged, or times [s] if `timed`; `auto`: start at the end of the

@@ -71,19 +71,19 @@ def _read(path: Path) -> Address | None:
     return Address(url, f"lab_{name}_{number}")
 
 
-def engine(place: Address) -> "Engine":
+def engine(address: Address) -> "Engine":
     """Make an SQLAlchemy engine for the schema of a lab. Raises LabError if the driver is not installed."""
     from sqlalchemy import create_engine, make_url
     from sqlalchemy.pool import NullPool
 
-    url = make_url(place.url).set(drivername="postgresql+psycopg")
-    options = f"-csearch_path={place.schema} -clock_timeout={int(1000 * BUSY)}"
+    url = make_url(address.url).set(drivername="postgresql+psycopg")
+    options = f"-csearch_path={address.schema} -clock_timeout={int(1000 * BUSY)}"
     try:
         return create_engine(
             url, poolclass=NullPool, connect_args={"options": options, "connect_timeout": int(BUSY)}
         )  # fmt: skip
     except ImportError as error:
-        raise LabError(f"{place.display} takes psycopg: pip install 'labbook[postgres]'") from error
+        raise LabError(f"{address.display} takes psycopg: pip install 'labbook[postgres]'") from error
 
 
 def move_to(lab: LabFolder, url: str) -> str | None:
@@ -108,10 +108,10 @@ def move_to(lab: LabFolder, url: str) -> str | None:
     before, fresh = _previous_address(lab), lab.server.with_name(f"{lab.server.name}.{os.getpid()}")
     try:
         fresh.write_text(json.dumps({"url": url, "name": secrets.token_hex(4)}) + "\n", encoding="utf-8")
-        place = _read(fresh)
-        assert place is not None
-        with engine(place).connect() as connection:
-            connection.execute(CreateSchema(place.schema))
+        address = _read(fresh)
+        assert address is not None
+        with engine(address).connect() as connection:
+            connection.execute(CreateSchema(address.schema))
             connection.commit()
         fresh.replace(lab.server)  # a rename keeps the inode number, which is in the schema's name
     except SQLAlchemyError as error:
@@ -126,9 +126,9 @@ def move_to(lab: LabFolder, url: str) -> str | None:
 def move_to_file(lab: LabFolder) -> str | None:
     """Move the index of a lab back to a file of the lab. Returns a message about an old index that could not be
     removed, or None."""
-    place = _previous_address(lab)
+    address = _previous_address(lab)
     remove(lab.server)
-    return _drop(place) if place else None
+    return _drop(address) if address else None
 
 
 def _previous_address(lab: LabFolder) -> Address | None:
@@ -139,18 +139,18 @@ def _previous_address(lab: LabFolder) -> Address | None:
         return None
 
 
-def _drop(place: Address) -> str | None:
+def _drop(address: Address) -> str | None:
     """Remove an index from its server. Returns why it could not be removed, or None."""
     from sqlalchemy.exc import SQLAlchemyError
     from sqlalchemy.schema import DropSchema
 
     try:
-        with engine(place).connect() as connection:
-            for schema_address in (place, place.shadow_index):
+        with engine(address).connect() as connection:
+            for schema_address in (address, address.shadow_index):
                 connection.execute(DropSchema(schema_address.schema, cascade=True, if_exists=True))
             connection.commit()
     except (SQLAlchemyError, LabError) as error:
-        return f"the old index could not be removed: {place.display}: {why(error)}"
+        return f"the old index could not be removed: {address.display}: {why(error)}"
     return None
 
 

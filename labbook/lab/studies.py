@@ -33,7 +33,7 @@ def keep(
         ValueError: No study may have this name.
         OSError: The disk is full, or not writable.
     """
-    path, content = place(lab, name), text.encode()
+    path, content = study_path(lab, name), text.encode()
     calibration_text = None if calibration is None else calibration.read_bytes()
     with lab.alone(f"study-{name}"):  # several processes may begin the same study
         if _content(path) != content:
@@ -79,7 +79,7 @@ def add(lab: LabFolder, name: str, text: str, calibration: str | None = None, fi
         ValueError: No study may have this name.
         OSError: The disk is full, or not writable.
     """
-    path, content = place(lab, name), text.encode()
+    path, content = study_path(lab, name), text.encode()
     with lab.alone(f"study-{name}"):  # of two imports at once both would find no text
         stored = _content(path)
         if stored is None:
@@ -107,7 +107,7 @@ def _is_ordinary(path: Path) -> bool:
     return path.is_file() and not path.is_symlink()
 
 
-def place(lab: LabFolder, name: str) -> Path:
+def study_path(lab: LabFolder, name: str) -> Path:
     """Return the path of the text of the study `name`. Raises ValueError if no study may have this name."""
     if not names_a_study(name):
         raise ValueError(f"{name!r} is not the name of a study: letters, digits, - and _, beginning with a letter")

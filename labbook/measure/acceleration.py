@@ -130,11 +130,11 @@ def acceleration_profile(
         earlier[height[row] > height[starts] + radius] = np.nan
         later = np.where(np.isnan(later), earlier, later)
     gained = ((later - v[starts]) / after[:, None])[start]
-    place = np.searchsorted(edges, height[starts][start], side="right") - 1
-    within = (place >= 0) & (place < len(edges) - 1)
-    gained, place = gained[within], place[within]
-    count = np.bincount(place, minlength=len(edges) - 1)
-    total, square = (np.bincount(place, gained**power, len(edges) - 1) for power in (1, 2))
+    index = np.searchsorted(edges, height[starts][start], side="right") - 1
+    within = (index >= 0) & (index < len(edges) - 1)
+    gained, index = gained[within], index[within]
+    count = np.bincount(index, minlength=len(edges) - 1)
+    total, square = (np.bincount(index, gained**power, len(edges) - 1) for power in (1, 2))
     mean = np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
     spread = np.maximum(np.divide(square, count, out=np.full(len(count), np.nan), where=count > 0) - mean**2, 0)
     error = np.sqrt(np.divide(spread, count - 1, out=np.full(len(count), np.nan), where=count > 1))

@@ -153,9 +153,9 @@ class StoppedBed:
             side = np.hypot(side, self.x[:, 1])
         inside = (side < outlet.width / 2 + reach) & (self.x[:, 2] < self.x[self.rows, 2].max() + reach)
         inside[self.rows] = True
-        place, both = np.cumsum(inside) - 1, inside[self.pairs].all(axis=1)
-        arch = place[self.rows], self.link, place[self.links]
-        return StoppedBed(self.ids[inside], self.x[inside], place[self.pairs[both]], self.force[both], *arch)
+        index, both = np.cumsum(inside) - 1, inside[self.pairs].all(axis=1)
+        arch = index[self.rows], self.link, index[self.links]
+        return StoppedBed(self.ids[inside], self.x[inside], index[self.pairs[both]], self.force[both], *arch)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Convert the bed to arrays by name, which `of` reads."""

@@ -121,7 +121,7 @@ def section_forces(run: RunData, begin: float, end: float) -> SectionForces | No
     grains, contacts = rows
     omega = omega_of(run.scene)
     reach = _REACH * omega + run.scene.grains.extent
-    (low, bottom), (high, top) = ((part(grains.x[:, 0]), part(grains.x[:, 2])) for part in (np.min, np.max))
+    (low, bottom), (high, top) = ((extreme(grains.x[:, 0]), extreme(grains.x[:, 2])) for extreme in (np.min, np.max))
     x, z = (float(low - reach), float(high + reach)), (float(bottom - reach), float(top + reach))
     grid = Layer(x, z, cells(x[1] - x[0], omega), cells(z[1] - z[0], omega / 2), 1.0)
     fields = coarse_grain(grid, omega, grains, contacts)

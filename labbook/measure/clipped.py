@@ -104,8 +104,8 @@ def sphere_in_box(
         some = slice(first, first + _AT_ONCE)
         cosine = np.cos(middle[some] + half[some] * nodes[:, None])
         area = disc_in_rectangle(x[some], z[some], radius[some] * cosine, (low[0], low[2]), (high[0], high[2]))
-        for part in weights[:, None] * half[some] * area * radius[some] * cosine:
-            volume[some] += part
+        for term in weights[:, None] * half[some] * area * radius[some] * cosine:
+            volume[some] += term
     return volume
 
 

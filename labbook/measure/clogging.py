@@ -130,11 +130,11 @@ class Clogging(Measure):
         if len(outlets) < 2:
             flows = avalanches(run, window)
             return Evaluation(tuple(_numbers(run, flows)), {**vars(flows), **waits(run)})
-        of_outlets = [avalanches(run, window, place) for place in range(len(outlets))]
+        of_outlets = [avalanches(run, window, outlet_index) for outlet_index in range(len(outlets))]
         numbers = [
             replace(number, quantity=number.quantity + outlet_suffix(outlet))
-            for place, (outlet, flows) in enumerate(zip(outlets, of_outlets, strict=True))
-            for number in _numbers(run, flows, place)
+            for outlet_index, (outlet, flows) in enumerate(zip(outlets, of_outlets, strict=True))
+            for number in _numbers(run, flows, outlet_index)
         ]
         joined = {name: np.concatenate([vars(flows)[name] for flows in of_outlets]) for name in vars(of_outlets[0])}
         index = np.repeat(np.arange(len(outlets)), [len(flows.grains) for flows in of_outlets])
@@ -156,10 +156,10 @@ def _through(quantity: Quantity, outlet: Outlet) -> Quantity:
     )
 
 
-def _numbers(run: RunData, flows: Avalanches, place: int = 0) -> Iterator[Measured]:
+def _numbers(run: RunData, flows: Avalanches, outlet_index: int = 0) -> Iterator[Measured]:
     """Yield the quantities of avalanches through the outlet of an index."""
     k, passed = flows.stops, int(flows.counted.sum())
-    first = transient(run.scene, place=place)
+    first = transient(run.scene, outlet_index=outlet_index)
     where = f"after the first {first} grains of each start"
     how = "stops over grains (censored); error of a Poisson count"
     if not passed:
@@ -171,7 +171,7 @@ def _numbers(run: RunData, flows: Avalanches, place: int = 0) -> Iterator[Measur
     time, velocity = float(flows.time.sum()), np.asarray(run.tables["crossing"]["vz"], float)
     if len(run.scene.container.outlets) > 1:
         order = np.argsort(run.tables["crossing"]["time"], kind="stable")
-        velocity = velocity[order][crossed_outlets(run) == place]
+        velocity = velocity[order][crossed_outlets(run) == outlet_index]
     speed = -float(np.mean(velocity))
     if time > 0 and speed > 0:
         exchange = passed / time * run.scene.grains.equivalent_diameter / speed
@@ -179,17 +179,17 @@ def _numbers(run: RunData, flows: Avalanches, place: int = 0) -> Iterator[Measur
         yield Measured(EXCHANGE, exchange, math.nan, passed, where, how, "")
 
 
-def width_ratio(scene: Scene, place: int = 0) -> float:
+def width_ratio(scene: Scene, outlet_index: int = 0) -> float:
     """Ratio D/d of the outlet of an index, with the diameter of spheres of the grains' volume."""
-    return scene.container.outlets[place].width / scene.grains.equivalent_diameter
+    return scene.container.outlets[outlet_index].width / scene.grains.equivalent_diameter
 
 
-def dimension(scene: Scene, place: int = 0) -> int:
+def dimension(scene: Scene, outlet_index: int = 0) -> int:
     """Dimension of the region above the outlet of an index in which arches form: 3 of a hole, 2 of a slot."""
-    return 3 if scene.container.outlets[place].form == "hole" else 2
+    return 3 if scene.container.outlets[outlet_index].form == "hole" else 2
 
 
-def transient(scene: Scene, opening: bool = False, place: int = 0) -> int:
+def transient(scene: Scene, opening: bool = False, outlet_index: int = 0) -> int:
     """Number of grains of the transient of a start, which do not count.
 
     These are about the grains in the half ball, or half disc, of the outlet's width above it, which were at rest under
@@ -199,9 +199,9 @@ def transient(scene: Scene, opening: bool = False, place: int = 0) -> int:
         scene: The scene.
         opening: The start is the opening, whose transient is twice as long: a bed that has never flowed stops more
             often within it (docs/results/clogging-layer.md).
-        place: Index of the outlet.
+        outlet_index: Index of the outlet.
     """
-    x, of, depth = width_ratio(scene, place), dimension(scene, place), 1.0
+    x, of, depth = width_ratio(scene, outlet_index), dimension(scene, outlet_index), 1.0
     if of == 2:
         deep = scene.container.front_to_back
         deep = depth_between(scene.container.walls()) if math.isinf(deep) else deep
@@ -209,13 +209,13 @@ def transient(scene: Scene, opening: bool = False, place: int = 0) -> int:
     return math.ceil(DENSE * x**of / 2 * depth * (2 if opening else 1))
 
 
-def avalanches(run: RunData, window: Window, place: int | None = None) -> Avalanches:
+def avalanches(run: RunData, window: Window, outlet_index: int | None = None) -> Avalanches:
     """Divide the grains that left into avalanches.
 
     Args:
         run: With its crossings and, of a scene with `restart`, its restarts.
         window: Its end censors avalanches of a bed that is not fed.
-        place: Index of one of several outlets, whose pauses longer than `window.gap` are stops.
+        outlet_index: Index of one of several outlets, whose pauses longer than `window.gap` are stops.
 
     Returns:
         The avalanches, without those whose restart failed.
@@ -225,18 +225,18 @@ def avalanches(run: RunData, window: Window, place: int | None = None) -> Avalan
     """
     times, weights = crossings(run)
     limit, last = _limit(run, window, weights), run.outcome == "clogged"
-    if place is None:
+    if outlet_index is None:
         begins = np.concatenate([[0.0], np.asarray(run.tables.get("restart", {}).get("time", ()), float)])
     else:
         # the outlet is observed until the window of the whole outflow ends
         end = float(times[limit - 1]) if 0 < limit < len(times) else run.duration
         last = last and limit == len(times)
-        mask = crossed_outlets(run) == place
+        mask = crossed_outlets(run) == outlet_index
         mask &= times <= end
         times, weights, limit = times[mask], weights[mask], int(mask.sum())
-        begins, last = _starts(times, _opening(run.scene, place), end, gap(run.scene, window), last)
+        begins, last = _starts(times, _opening(run.scene, outlet_index), end, gap(run.scene, window), last)
     edges = np.concatenate(
-        [[0], np.searchsorted(times, begins[1:], "right" if place is None else "left"), [len(times)]]
+        [[0], np.searchsorted(times, begins[1:], "right" if outlet_index is None else "left"), [len(times)]]
     )
     rows = []
     for count, (low, high) in enumerate(itertools.pairwise(edges.astype(int))):
@@ -244,19 +244,19 @@ def avalanches(run: RunData, window: Window, place: int | None = None) -> Avalan
         # a restart in vain, or one after the end of the window
         if (count and low == high) or low > limit:
             continue
-        cut, first = min(high, limit), transient(run.scene, opening=count == 0, place=place or 0)
-        counted = max(0, cut - low - first)
-        time = float(times[cut - 1] - times[low + first - 1]) if counted else 0.0
-        mass = float(weights[cut - counted : cut].sum()) * mean_mass(run)
+        cut, first = min(high, limit), transient(run.scene, opening=count == 0, outlet_index=outlet_index or 0)
+        beyond = max(0, cut - low - first)
+        time = float(times[cut - 1] - times[low + first - 1]) if beyond else 0.0
+        mass = float(weights[cut - beyond : cut].sum()) * mean_mass(run)
         end = float(times[cut - 1]) if cut > low else float(begins[count])
-        rows.append((cut - low, ends_here and cut == high, counted, mass, time, begins[count], end))
-    grains, stopped, counted, mass, time, begin, end = (np.array(column) for column in zip(*rows, strict=True))
-    return Avalanches(grains, stopped, counted, mass, time, begin, end)
+        rows.append((cut - low, ends_here and cut == high, beyond, mass, time, begins[count], end))
+    grains, stopped, beyond, mass, time, begin, end = (np.array(column) for column in zip(*rows, strict=True))
+    return Avalanches(grains, stopped, beyond, mass, time, begin, end)
 
 
-def _opening(scene: Scene, place: int) -> float:
+def _opening(scene: Scene, outlet_index: int) -> float:
     """Time [s] at which one of several outlets opens."""
-    name = scene.container.outlets[place].name
+    name = scene.container.outlets[outlet_index].name
     return next((part.removal or 0.0 for part in scene.container.parts if part.name == name), 0.0)
 
 

@@ -182,12 +182,12 @@ def _shuffled_counts(counts: np.ndarray, bins: np.ndarray, rng: np.random.Genera
     """
     left = np.tile(counts, (shuffles, 1))
     table = np.zeros((shuffles, len(counts), len(bins)), np.int64)
-    for place, size in enumerate(bins):
+    for index, size in enumerate(bins):
         wanting = np.full(shuffles, size)
         for k in range(len(counts)):
-            table[:, k, place] = rng.hypergeometric(left[:, k], left[:, k + 1 :].sum(axis=1), wanting)
-            wanting = wanting - table[:, k, place]
-        left = left - table[:, :, place]
+            table[:, k, index] = rng.hypergeometric(left[:, k], left[:, k + 1 :].sum(axis=1), wanting)
+            wanting = wanting - table[:, k, index]
+        left = left - table[:, :, index]
     return table
 
 
@@ -205,8 +205,8 @@ def lacey_index(mass: np.ndarray, group: np.ndarray, x: np.ndarray, edge: float)
         x: positions of the grains [m], shape [n, 3].
         edge: of the cubic cells [m], which begin at the lowest coordinates of the grains.
     """
-    place = np.floor((x - x.min(axis=0)) / edge).astype(np.int64)
-    _, cell = np.unique(np.ravel_multi_index(place.T, place.max(axis=0) + 1), return_inverse=True)
+    index = np.floor((x - x.min(axis=0)) / edge).astype(np.int64)
+    _, cell = np.unique(np.ravel_multi_index(index.T, index.max(axis=0) + 1), return_inverse=True)
     total, cells = mass.sum(), int(cell.max()) + 1
     of_cell = np.bincount(cell, mass)
     separated, present, random = 0.0, 0.0, 0.0
@@ -304,8 +304,8 @@ class Composition(Measure):
         times, weights = crossings(run)
         within = None if flow is None else TimeWindow(flow.begin, flow.end)
         how = f"crossings; error from {BLOCKS} blocks of equally many grains of all kinds"
-        for place, name in enumerate(class_names(run.scene.grains)):
-            quantity, mask = _rate(name).name + flow_suffix(run), group == place
+        for index, name in enumerate(class_names(run.scene.grains)):
+            quantity, mask = _rate(name).name + flow_suffix(run), group == index
             class_flow = None
             if within is not None and (mask & (times > within.start) & (times <= within.end)).sum() >= FEWEST:
                 class_flow = steady_flow(times, len(run.start), within, weights * mask, gap(run.scene, window))

@@ -95,8 +95,8 @@ def first_passages(
     order = np.lexsort((time, grain))
     grain, time, height = grain[order], time[order].astype(float), height[order].astype(float)
     down = (grain[1:] == grain[:-1]) & (height[:-1] >= z) & (height[1:] < z)
-    part = (height[:-1][down] - z) / (height[:-1][down] - height[1:][down])
-    passed, when = grain[1:][down], time[:-1][down] + part * np.diff(time)[down]
+    fraction = (height[:-1][down] - z) / (height[:-1][down] - height[1:][down])
+    passed, when = grain[1:][down], time[:-1][down] + fraction * np.diff(time)[down]
     turn = _passages_before(passed, when, left, at)
     first = np.ones(len(passed), bool)
     first[1:] = (passed[1:] != passed[:-1]) | (turn[1:] != turn[:-1])
@@ -114,9 +114,9 @@ def _passages_before(grain: np.ndarray, time: np.ndarray, left: np.ndarray, at: 
 def _next(grain: np.ndarray, time: np.ndarray, left: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Time [s] of the next passage of the outlet of each grain; infinite without any."""
     order = np.lexsort((at, left))
-    place = _passages_before(grain, time, left, at)
-    there = np.append(left[order], -1)[place] == grain  # -1: no grain is behind the last passage
-    return np.where(there, np.append(at[order], math.inf)[place], math.inf)
+    index = _passages_before(grain, time, left, at)
+    there = np.append(left[order], -1)[index] == grain  # -1: no grain is behind the last passage
+    return np.where(there, np.append(at[order], math.inf)[index], math.inf)
 
 
 def _quantities(plane: CountingPlane) -> tuple[Quantity, ...]:

@@ -205,7 +205,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     behind = bodies.mass / (math.pi * bodies.radius**2)  # (2/3) d rho_p of each grain
     swept = covered.sum(axis=1) * -v * behind[grain]
     flow_rate = float(swept.sum()) / len(frames)
-    counted = mean_mass(run) * steady.rate
+    rate = mean_mass(run) * steady.rate
     error = _sweep_error(swept / bodies.mass[grain], passage, frame[in_frame], len(frames) - 1)
     crossing_flux, crossing_velocity = _at_crossings(run, steady, slot.centre, R * edges, bodies.radius)
     return OutletProfile(
@@ -216,8 +216,8 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
         crossing_flux=crossing_flux,
         crossing_velocity=crossing_velocity,
         flow=flow_rate,
-        counted=counted,
-        closure_error=flow_rate / counted * error,
+        counted=rate,
+        closure_error=flow_rate / rate * error,
         frames=len(frames),
     )
 
@@ -311,11 +311,11 @@ def _at_crossings(
     when = np.asarray(table["time"])
     _, after_gaps = gaps(np.sort(when), flow)
     inside = (when > flow.begin) & (when <= flow.end) & ~np.isin(when, after_gaps)
-    place = np.searchsorted(edges, np.asarray(table["x"])[inside] - centre) - 1
-    within = (place >= 0) & (place < len(edges) - 1)
-    place, v = place[within], -np.asarray(table["vz"], float)[inside][within]
+    index = np.searchsorted(edges, np.asarray(table["x"])[inside] - centre) - 1
+    within = (index >= 0) & (index < len(edges) - 1)
+    index, v = index[within], -np.asarray(table["vz"], float)[inside][within]
     discs = math.pi * radius[run.start.rows(np.asarray(table["id"])[inside][within])] ** 2
-    n, total, area = (np.bincount(place, of, len(edges) - 1) for of in (np.ones(len(v)), v, discs))
+    n, total, area = (np.bincount(index, of, len(edges) - 1) for of in (np.ones(len(v)), v, discs))
     time = flow.end - flow.begin - flow.gap_time
     return area / (time * np.diff(edges)), np.divide(total, n, out=np.full(len(n), math.nan), where=n > 0)
 

@@ -63,8 +63,8 @@ class OutletRates(Measure):
         outlets, through = run.scene.container.outlets, crossed_outlets(run)
         within = None if flow is None else TimeWindow(flow.begin, flow.end)
         numbers = []
-        for place, outlet in enumerate(outlets):
-            mask, name = through == place, _rate(outlet).name + flow_suffix(run)
+        for index, outlet in enumerate(outlets):
+            mask, name = through == index, _rate(outlet).name + flow_suffix(run)
             outlet_flow = None
             if within is not None:
                 outlet_flow = steady_flow(times[mask], len(run.start), within, weights[mask], gap(run.scene, window))

@@ -125,10 +125,10 @@ class PackingStructure(Measure):
         fractions = np.array([packing_fraction(packing, scene.grains, cell) for cell in cells])
         numbers = [_of_cells("packing_fraction", fractions, where, "volume of grains clipped to the bulk")]
         if isinstance(region, Region) and _layer(scene):
-            parts = region.cells(_CELLS)
-            areas = np.array([area_fraction(packing, d, cell) for cell in parts])
+            cell_grid = region.cells(_CELLS)
+            areas = np.array([area_fraction(packing, d, cell) for cell in cell_grid])
             numbers.append(_of_cells("packing_fraction_2d", areas, where, "area of discs clipped to the bulk"))
-            numbers.extend(_order(packing, region, parts, where))
+            numbers.extend(_order(packing, region, cell_grid, where))
         return tuple(numbers)
 
     def foreseen_empty(self, scene: Scene) -> tuple[str, str] | None:
@@ -143,9 +143,9 @@ class PackingStructure(Measure):
         reason = f"the bulk, {away} from walls, bottom and surface, will be smaller than {_extent(scene.grains)}"
         level = _DENSER * (lowest_surface(scene) - outlet)
         high = f"a bed {1e3 * level:.3g} mm high at a packing fraction of {PACKED:g}"
-        enough = scene.grains.count * (1 - (discharged_at(scene, level) or 0.0))
-        step = 10 ** max(0, math.floor(math.log10(enough)) - 1)
-        number = f"{math.ceil(enough / step) * step:.0f} grains or more ({high})"
+        grains = scene.grains.count * (1 - (discharged_at(scene, level) or 0.0))
+        step = 10 ** max(0, math.floor(math.log10(grains)) - 1)
+        number = f"{math.ceil(grains / step) * step:.0f} grains or more ({high})"
         wider = " and ".join(f"container.{key} of {size}" for key, size in _wider(scene))
         return reason, f"use {f'a {wider}, with {high}' if wider else number}, or take packing out of measure"
 
@@ -159,13 +159,13 @@ class PackingStructure(Measure):
 def _wider(scene: Scene) -> Iterator[tuple[str, str]]:
     """Yield sizes of the container that leave no bulk however high the bed is, with their least values."""
     least, margin = least_extent(scene.grains), margin_of(scene.grains)
-    region, enough = bulk_below(scene, math.inf), f"{math.ceil(1e4 * (2 * margin + least) - 1e-6) / 10:g} mm or more"
+    region, size = bulk_below(scene, math.inf), f"{math.ceil(1e4 * (2 * margin + least) - 1e-6) / 10:g} mm or more"
     if isinstance(region, Annulus):
         if region.smaller_than(least):
-            yield "diameter", enough
+            yield "diameter", size
         return
     if region.size[0] < least * (1 - 1e-9):
-        yield "width", enough
+        yield "width", size
     if region.size[1] <= 0:
         yield scene.container.widths[0], f"less than 2 d, or more than {2e3 * margin:.3g} mm"
 

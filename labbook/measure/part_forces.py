@@ -113,14 +113,14 @@ def _forces(run: RunData) -> PartForces:
         np.add.at(sums[..., column], (frame, np.asarray(table["wall"])), np.asarray(table[name], float))
     force, torque = sums[:, parts, :3], sums[:, parts, 3:]
     power, about_origin = np.zeros(force.shape[:2]), np.zeros_like(torque)
-    for place, number in enumerate(parts):
+    for index, number in enumerate(parts):
         moves = walls[number].moves
         assert moves is not None
         poses = moves.poses(time)
         # Force and torque are about the origin of space, and `velocity` is that of the part there: so their sum is the
         # power, wherever the axis of the part is.
-        power[:, place] = np.sum(force[:, place] * poses.velocity + torque[:, place] * poses.spin, axis=1)
-        about_origin[:, place] = torque[:, place] - np.cross(poses.origin, force[:, place])
+        power[:, index] = np.sum(force[:, index] * poses.velocity + torque[:, index] * poses.spin, axis=1)
+        about_origin[:, index] = torque[:, index] - np.cross(poses.origin, force[:, index])
     names = np.array([walls[number].name for number in parts], "U40")
     return PartForces(names, time, -force, -about_origin, power)
 
@@ -129,16 +129,16 @@ def _numbers(run: RunData, record: PartForces, window: Window) -> Iterator[Measu
     begin, end, words = steady_part(run, window)
     within = (record.time >= begin) & (record.time <= end) & (record.time > 0)
     count = int(within.sum())
-    for place, part in enumerate(_moving(run.scene)):
+    for index, part in enumerate(_moving(run.scene)):
         moves = part.moves
         assert moves is not None
-        series = {POWER: record.power[:, place]}
+        series = {POWER: record.power[:, index]}
         if moves.velocity is not None and any(moves.velocity):
-            series[DRAG] = -record.force[:, place] @ (np.array(moves.velocity) / math.hypot(*moves.velocity))
+            series[DRAG] = -record.force[:, index] @ (np.array(moves.velocity) / math.hypot(*moves.velocity))
         if moves.rotation is not None:
             # With the sense of the rotation, so that a torque that resists is positive.
             axis = np.array(moves.rotation.axis) * math.copysign(1.0, moves.rotation.rate)
-            series[TORQUE] = -record.torque[:, place] @ (axis / np.linalg.norm(axis))
+            series[TORQUE] = -record.torque[:, index] @ (axis / np.linalg.norm(axis))
         for quantity in _of_part(part):
             values = series[quantity.name[: -len(part.name)]][within]
             how, note = f"mean of {count} sampled steps; error from {_BLOCKS} blocks", ""

@@ -87,23 +87,23 @@ def _numbers(run: RunData, window: Window, time: np.ndarray, above: np.ndarray) 
     flow, _ = outflow(run, window)
     total, suffix = mean_mass(run) * len(run.start), flow_suffix(run)
     inside = np.flatnonzero((time >= flow.begin) & (time <= flow.end)) if flow is not None else np.zeros(0, np.int64)
-    for place, plane in enumerate(run.scene.container.planes):
+    for index, plane in enumerate(run.scene.container.planes):
         name = _rate(plane).name + suffix
-        parts = min(BLOCKS, len(inside) - 1)
-        if parts < _FEWEST:
+        blocks = min(BLOCKS, len(inside) - 1)
+        if blocks < _FEWEST:
             note = f"too few samples within the window: {len(inside)}, not {_FEWEST + 1}; lower numerics.steps_per_beat"
             yield Measured(name, math.nan, math.nan, 0, window_in_words(window), "mass above", "kg/s", note)
         else:
-            ends = inside[np.linspace(0, len(inside) - 1, parts + 1).round().astype(int)]
-            rates = -np.diff(above[ends, place]) / np.diff(time[ends])
-            value = (above[ends[0], place] - above[ends[-1], place]) / (time[ends[-1]] - time[ends[0]])
-            error = float(rates.std(ddof=1)) / math.sqrt(parts)
+            ends = inside[np.linspace(0, len(inside) - 1, blocks + 1).round().astype(int)]
+            rates = -np.diff(above[ends, index]) / np.diff(time[ends])
+            value = (above[ends[0], index] - above[ends[-1], index]) / (time[ends[-1]] - time[ends[0]])
+            error = float(rates.std(ddof=1)) / math.sqrt(blocks)
             where = f"{time[ends[0]]:.4g} s to {time[ends[-1]]:.4g} s"
-            how = f"change of the mass above z = {1e3 * plane.z:g} mm; error from {parts} parts of the window"
-            yield Measured(name, float(value), error, parts, where, how, "kg/s", "")
+            how = f"change of the mass above z = {1e3 * plane.z:g} mm; error from {blocks} parts of the window"
+            yield Measured(name, float(value), error, blocks, where, how, "kg/s", "")
         if len(time):
             where, how = f"at {time[-1]:.4g} s", "mass of all grains less that above the plane"
-            yield Measured(_mass(plane).name, total - float(above[-1, place]), math.nan, 1, where, how, "kg", "")
+            yield Measured(_mass(plane).name, total - float(above[-1, index]), math.nan, 1, where, how, "kg", "")
 
 
 def _rate(plane: CountingPlane) -> Quantity:

@@ -217,11 +217,11 @@ class FlowMoments(OfRecording):
         self, scene: Scene, frames: Mapping[str, np.ndarray], window: Window, times: tuple[float, float]
     ) -> Evaluation:
         begin, end = times
-        part = (end - begin) / _MOMENTS
+        length = (end - begin) / _MOMENTS
         half = instant(scene, window, times) / 2
         arrays = {}
         for number in range(_MOMENTS):
-            middle = begin + part * (number + 0.5)
+            middle = begin + length * (number + 0.5)
             bed = bed_between(scene, frames, (middle - half, middle + half), _FEWEST_ABOUT_AN_INSTANT)
             arrays |= bed.arrays(f"moment-{number + 1}") if bed is not None else {}
         return Evaluation(arrays=arrays)

@@ -31,14 +31,14 @@ class Outlines:
         radius: Radii [m], shape [n], or one for all.
         axis: Unit vectors along rods, shape [n, 3]; None for spheres.
         half_length: Half length of the segment between the centres of the caps of rods [m].
-        part: Volume that counts of each outline, over its own: below 1 for overlapping spheres of clumps.
+        volume_weight: Volume that counts of each outline, over its own: below 1 for overlapping spheres of clumps.
     """
 
     x: np.ndarray
     radius: np.ndarray | float
     axis: np.ndarray | None = None
     half_length: float = 0.0
-    part: float = 1.0
+    volume_weight: float = 1.0
 
     @classmethod
     def of(cls, packing: Packing, grains: Grains) -> "Outlines":
@@ -54,8 +54,8 @@ class Outlines:
         q = packing.q
         if isinstance(grains, Clumps) and q is not None:
             radii = [sphere.radius for sphere in grains.spheres]
-            part = grains.volume / sum(4 / 3 * math.pi * r**3 for r in radii)
-            return cls(sphere_centres(grains, packing.x, q), np.tile(radii, len(packing)), part=part)
+            weight = grains.volume / sum(4 / 3 * math.pi * r**3 for r in radii)
+            return cls(sphere_centres(grains, packing.x, q), np.tile(radii, len(packing)), volume_weight=weight)
         if isinstance(grains, Spherocylinders) and q is not None and not grains.round:
             return cls(packing.x, grains.radius, axes(q), grains.half_length)
         return cls(packing.x, grains.radius if packing.diameter is None else packing.diameter / 2)
@@ -69,13 +69,13 @@ class Outlines:
     def volumes(self) -> np.ndarray:
         """Volume of each grain [m^3], shape [n]."""
         r = np.broadcast_to(np.asarray(self.radius, float), len(self.x))
-        return self.part * (math.pi * r**2 * 2 * self.half_length + 4 / 3 * math.pi * r**3)
+        return self.volume_weight * (math.pi * r**2 * 2 * self.half_length + 4 / 3 * math.pi * r**3)
 
     def only(self, mask: np.ndarray) -> "Outlines":
         """Select grains by a mask, shape [n]."""
         radius = self.radius[mask] if isinstance(self.radius, np.ndarray) else self.radius
         axis = None if self.axis is None else self.axis[mask]
-        return Outlines(self.x[mask], radius, axis, self.half_length, self.part)
+        return Outlines(self.x[mask], radius, axis, self.half_length, self.volume_weight)
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Region:
         low, high, reach = np.array(self.low), np.array(self.high), bodies.reach
         near = bodies.only(np.asarray(np.all((bodies.x > low - reach) & (bodies.x < high + reach), axis=1)))
         if near.axis is None:
-            return near.part * float(sphere_in_box(near.x, near.radius, self.low, self.high).sum())
+            return near.volume_weight * float(sphere_in_box(near.x, near.radius, self.low, self.high).sum())
         whole = np.asarray(np.all((near.x >= low + reach) & (near.x <= high - reach), axis=1))
         cut = near.only(~whole)
         assert cut.axis is not None
@@ -178,7 +178,7 @@ class Annulus:
         near = bodies.only(within & (z > self.low - reach) & (z < self.high + reach))
         if near.axis is None:
             clipped = sphere_in_ring(near.x, near.radius, self.inner, self.outer, self.low, self.high)
-            return near.part * float(clipped.sum())
+            return near.volume_weight * float(clipped.sum())
         off, z = np.hypot(near.x[:, 0], near.x[:, 1]), near.x[:, 2]
         # Without an inner face, rods on the axis are whole too.
         within = (off <= self.outer - reach) & ((off >= self.inner + reach) | (self.inner == 0))
@@ -308,5 +308,5 @@ def _lowest(
     return float(height[counts].min()) if counts.any() else float(height.max())
 
 
-def _edges(size: float, parts: int) -> np.ndarray:
-    return np.linspace(-size / 2, size / 2, parts + 1)
+def _edges(size: float, count: int) -> np.ndarray:
+    return np.linspace(-size / 2, size / 2, count + 1)

@@ -228,8 +228,8 @@ def _curve(age: np.ndarray, longer: np.ndarray) -> dict[str, np.ndarray]:
     """Arrays of a `ResidenceCurve` at equal steps of the age."""
     mean, _ = moments(age, longer)
     grid = np.linspace(0.0, age[-1], _AGES + 1)
-    part = 1 - longer[np.searchsorted(age, grid, side="right") - 1]
-    return as_arrays(ResidenceCurve(grid, part, mean))
+    fraction = 1 - longer[np.searchsorted(age, grid, side="right") - 1]
+    return as_arrays(ResidenceCurve(grid, fraction, mean))
 
 
 def _batch(run: RunData) -> dict[str, np.ndarray]:

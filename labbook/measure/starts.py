@@ -103,19 +103,19 @@ class WindowStarts(Measure):
             "fraction": np.array([np.nan if flow is None else flow.fraction[0] for flow in flows]),
             "plateau": np.array([flow is not None and flow.plateau for flow in flows]),
         }
-        for place, opening in enumerate(windows if "slab" in run.tables else ()):
+        for index, opening in enumerate(windows if "slab" in run.tables else ()):
             if (profile := outlet_profile(run, opening)) is not None:
-                arrays |= {f"{place}.{name}": values for name, values in as_arrays(profile).items()}
+                arrays |= {f"{index}.{name}": values for name, values in as_arrays(profile).items()}
         return Evaluation(arrays=arrays)
 
     @staticmethod
     def of(evaluation: Evaluation, window: Window) -> Iterator[StartResult]:
         """Read the results of `evaluate` for a window of the study."""
         arrays = evaluation.arrays
-        for place, opening in enumerate(shifted_windows(window)):
-            profile = from_arrays(OutletProfile, _starting(f"{place}.", arrays))
-            rate, fraction = float(arrays["flow_rate"][place]), float(arrays["fraction"][place])
-            yield StartResult(opening, rate, fraction, bool(arrays["plateau"][place]), profile)
+        for index, opening in enumerate(shifted_windows(window)):
+            profile = from_arrays(OutletProfile, _starting(f"{index}.", arrays))
+            rate, fraction = float(arrays["flow_rate"][index]), float(arrays["fraction"][index])
+            yield StartResult(opening, rate, fraction, bool(arrays["plateau"][index]), profile)
 
 
 def _starting(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

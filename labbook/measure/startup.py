@@ -46,8 +46,8 @@ def end_of_start_up(times: np.ndarray, passed: np.ndarray, gap: float = math.inf
 
 def start_up_time(times: np.ndarray, passed: np.ndarray) -> float:
     """Estimate the time tau [s] of an exponential start-up; 0 if noise hides it. Arguments as above."""
-    parts = int(np.clip(len(times) // _GRAINS, *_PARTS))
-    rows = np.linspace(0, len(times) - 1, parts + 1).round().astype(int)
+    blocks = int(np.clip(len(times) // _GRAINS, *_PARTS))
+    rows = np.linspace(0, len(times) - 1, blocks + 1).round().astype(int)
     at, mass = times[rows], np.diff(passed[rows])
     taus = np.concatenate([[0.0], at[-1] * _TAUS])
     lost = np.zeros((len(taus), len(at)))  # time for which the flow is behind W_inf t

@@ -154,12 +154,12 @@ def _outlet(run: RunData, flow: SteadyFlow) -> tuple[OutletVelocities, Measured]
     rows = run.start.rows(np.asarray(table["id"])[inside])
     bodies = Bodies.of(scene.grains, run.start)
     groups = np.full(len(rows), -1) if not class_names(scene.grains) else classes_of(scene.grains, bodies)[rows]
-    place = (np.searchsorted(edges, across, side="right") - 1).clip(0, BINS - 1)  # at the rim a centre may lie beyond
+    index = (np.searchsorted(edges, across, side="right") - 1).clip(0, BINS - 1)  # at the rim a centre may lie beyond
     area = math.pi * np.diff(edges**2) if outlet.form == "hole" else np.diff(edges) * scene.container.front_to_back
     duration = flow.end - flow.begin - flow.gap_time
     masks = [np.ones(len(rows), bool), *(groups == k for k in range(len(class_names(scene.grains))))]
     sums = [
-        [np.bincount(place[mask], of[mask], BINS) for of in (np.ones(len(rows)), 1 / speed, bodies.mass[rows])]
+        [np.bincount(index[mask], of[mask], BINS) for of in (np.ones(len(rows)), 1 / speed, bodies.mass[rows])]
         for mask in masks
     ]
     grains, slowness, mass = np.array(sums).transpose(1, 0, 2)
@@ -186,9 +186,9 @@ def _zone(run: RunData, zone: VelocityZone, flow: SteadyFlow, times: np.ndarray)
     quantities = iter(of_zone(zone, run.scene))
     for axis in _AXES:
         yield _mean(next(quantities), run, frame, velocity[axis], where)
-    for place in range(len(names)):
+    for index in range(len(names)):
         assert groups is not None
-        mask = groups == place
+        mask = groups == index
         yield _mean(next(quantities), run, frame[mask], velocity["z"][mask], where)
 
 

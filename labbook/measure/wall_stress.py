@@ -303,9 +303,9 @@ class _Frames:
         self.sums = np.zeros((len(steps), int(first[-1]), len(TRACTION_SUMS)))
         counts = np.array([bins.count for bins in self.bins])
         # a contact at the end of a wall may round into a bin beyond the last
-        place = first[table["wall"]] + np.minimum(table["bin"], counts[table["wall"]] - 1)
+        index = first[table["wall"]] + np.minimum(table["bin"], counts[table["wall"]] - 1)
         for name, column in _SUM.items():
-            np.add.at(self.sums[:, :, column], (frame, place), np.asarray(table[name], float))
+            np.add.at(self.sums[:, :, column], (frame, index), np.asarray(table[name], float))
         self.wall = np.repeat(np.arange(len(self.bins)), counts)
 
     def by_wall(self, sums: np.ndarray) -> np.ndarray:
@@ -337,15 +337,17 @@ def _stresses(run: RunData, frames: _Frames, within: np.ndarray, window: tuple[f
     area = np.concatenate([areas(scene.container, w, b) for w, b in zip(frames.walls, frames.bins, strict=True)])
     # at rest the lid is in place, and level walls have more area
     closed = scene.container.close()
-    standing = {wall.name: wall for wall in (*frames.walls, *closed.walls())}
+    walls_by_name = {wall.name: wall for wall in (*frames.walls, *closed.walls())}
     pairs = zip(frames.walls, frames.bins, strict=True)
-    rest_area = np.concatenate([areas(closed, standing[wall.name], b) for wall, b in pairs])
+    rest_area = np.concatenate([areas(closed, walls_by_name[wall.name], b) for wall, b in pairs])
     # walls without friction carry no weight, and do not count in Janssen's perimeter
     section, perimeter = _section(scene, frames, upright & (friction > 0))
     above = _WeightAbove(run)
     middle = np.array([b.low + (k + 0.5) * b.size for b, k in bins])
     heights = np.array([b.along == "height" for b, _ in bins])
-    floor = max((b.low for b, stands in zip(frames.bins, upright, strict=True) if stands), default=math.nan)
+    floor = max(
+        (b.low for b, is_wall_upright in zip(frames.bins, upright, strict=True) if is_wall_upright), default=math.nan
+    )
     density, surface = above.bulk(section, floor, 2 * section / perimeter if perimeter else 0.0)
     normal = rest[upright[frames.wall], _SUM["normal"]].sum()
     peaks = [_peak(times, moving, upright[frames.wall], tau * gravity_time(scene)) / normal for tau in FILTERS]
@@ -400,9 +402,9 @@ def _section(scene: Scene, frames: _Frames, frictional: np.ndarray) -> tuple[flo
         else:
             lengths.append(0.0)
     area = scene.container.area
-    standing = [wall.shape for wall in frames.walls if is_upright(wall)]
-    if area is None and len(standing) == 1 and "axial" in standing[0].symmetries:
-        area = math.pi * standing[0].reach ** 2
+    upright_shapes = [wall.shape for wall in frames.walls if is_upright(wall)]
+    if area is None and len(upright_shapes) == 1 and "axial" in upright_shapes[0].symmetries:
+        area = math.pi * upright_shapes[0].reach ** 2
     return math.nan if area is None else area, float(np.array(lengths)[frictional].sum())
 
 
@@ -480,8 +482,8 @@ def _peak(time: np.ndarray, sums: np.ndarray, upright: np.ndarray, tau: float) -
     return float(means.max()) if len(means) else math.nan
 
 
-def _ratio(over: float, under: float) -> float:
-    return over / under if under > 0 else math.nan
+def _ratio(numerator: float, denominator: float) -> float:
+    return numerator / denominator if denominator > 0 else math.nan
 
 
 def _at_rest(record: WallStresses, run: RunData) -> list[Measured]:
@@ -585,6 +587,6 @@ def _fed_weight(run: RunData, begin: float, end: float) -> float:
     masses = Bodies.of(run.scene.grains, run.start).mass[run.start.rows(np.asarray(crossing["id"]))]
     after = np.searchsorted(time[frames], left)  # the frame at the end of the beat, if that has one
     ends = np.append(time[frames], math.inf)[after]
-    part = np.clip(1 - (ends - left) / beat, 0, 1)
-    inside = np.asarray(table["mass"], float)[frames].mean() + float((masses * part).sum()) / frames.sum()
+    fraction = np.clip(1 - (ends - left) / beat, 0, 1)
+    inside = np.asarray(table["mass"], float)[frames].mean() + float((masses * fraction).sum()) / frames.sum()
     return float(inside) * run.scene.gravity

@@ -257,8 +257,8 @@ def _narrow(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterat
         ratio, bound = format_distinct(shape.ratio or 0.0, least, digits=2)
         unit = f"length of a {noun}" if rods and ratio == "1" else "diameter of a grain" if ratio == "1" else unit
         reason = f"the outlet is {ratio} {unit} wide ({shape.extent * 1e3:.3g} mm), and below {bound} it often clogs"
-        enough = math.ceil(least * shape.extent * 1e4 * (1 - 1e-9)) / 10  # mm
-        yield _warning(file, "container.orifice", reason, f"use {enough:g} mm or more", narrow_points, points)
+        smallest_opening = math.ceil(least * shape.extent * 1e4 * (1 - 1e-9)) / 10  # mm
+        yield _warning(file, "container.orifice", reason, f"use {smallest_opening:g} mm or more", narrow_points, points)
 
 
 def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
@@ -271,8 +271,8 @@ def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iter
         shared, shape = max(overfull, key=lambda pair: pair[1].height or 0)
         height, top = shape.height or 0.0, float(getattr(shared.scene.container, "height", math.inf))
         high, walls = format_distinct(height * 1e3, top * 1e3)
-        stand = f"the grains will stand about {high} mm high, at a packing fraction of {PACKED}"
-        reason = f"{stand}, above the walls ({walls} mm)"
+        height_text = f"the grains will stand about {high} mm high, at a packing fraction of {PACKED}"
+        reason = f"{height_text}, above the walls ({walls} mm)"
         remedy = f"make the container {float(f'{1.1e3 * height:.3g}'):g} mm high or more, or lower grains.count"
         yield _warning(file, "container.height", reason, remedy, overfull, points)
 
@@ -298,13 +298,13 @@ def _filling_walls(study: Study) -> Iterator[str]:
     """Warn of properties of walls that exist only during the filling, and so have no effect on the flow."""
     flow_walls: dict[str, list[str]] = {}
     for scene in (point.scene for point in study.points):
-        standing = [wall.name for wall in scene.container.walls()]
+        wall_names = [wall.name for wall in scene.container.walls()]
         for name in scene.walls:
-            if name != "all" and name not in standing:
-                flow_walls[name] = [other for other in standing if other.startswith(name)] or standing
-    for name, standing in flow_walls.items():
+            if name != "all" and name not in wall_names:
+                flow_walls[name] = [other for other in wall_names if other.startswith(name)] or wall_names
+    for name, wall_names in flow_walls.items():
         reason = "this wall stands only while the bed is filled: the flow does not feel it"
-        yield _warning(study.path, f"walls.{name}", reason, f"for the flow use {', '.join(standing)}")
+        yield _warning(study.path, f"walls.{name}", reason, f"for the flow use {', '.join(wall_names)}")
 
 
 def _possible_leaks(plan: Plan) -> Iterator[str]:
@@ -316,7 +316,7 @@ def _possible_leaks(plan: Plan) -> Iterator[str]:
             reason = (
                 "whether grains reach it while the container is filled cannot be told: gaps about as wide as a grain "
                 f"({d * 1e3:.3g} mm) were looked for on a grid of {hole.spacing * 1e3:.2g} mm, and one may be at "
-                f"{hole.place}"
+                f"{hole.position_text}"
             )
             remedy = "make gaps clearly narrower or wider than the smallest grain; a filling that loses grains fails"
             yield _warning(plan.study.path, "container.outlet_plane", reason, remedy)
@@ -358,13 +358,13 @@ def _low_beds(study: Study) -> Iterator[str]:
     if low_points:
         point, until = min(low_points, key=lambda entry: entry[1])
         count = point.scene.grains.count
-        enough = count * (1 - until) / (1 - study.window.end)
-        step = 10 ** max(0, math.floor(math.log10(enough)) - 1)
+        needed = count * (1 - until) / (1 - study.window.end)
+        step = 10 ** max(0, math.floor(math.log10(needed)) - 1)
         reason = (
             f"the bed is less than {HIGH:g} widths high before the window ends, at {percent(study.window.end)} "
             "discharged: W may fall with it"
         )
-        remedy = f"use {math.ceil(enough / step) * step:.0f} grains or more, or state window.end"
+        remedy = f"use {math.ceil(needed / step) * step:.0f} grains or more, or state window.end"
         yield _warning(study.path, "grains.count", reason, remedy)
 
 
@@ -419,14 +419,14 @@ def _too_few_grains(plan: Plan) -> Iterator[str]:
     window, stop = study.window, study.stop
     if QUANTITY not in study.measure or window.timed or study.fed:
         return
-    part = min(window.end, stop.discharged) - window.start
+    fraction = min(window.end, stop.discharged) - window.start
     few = min(point.scene.grains.count for point in study.points)
-    if few * part <= FEWEST:
+    if few * fraction <= FEWEST:
         reason = (
-            f"of {few} grains {max(0, int(few * part))} leave between {percent(window.start)} and "
-            f"{percent(window.start + part)}, and a flow rate needs more than {FEWEST}"
+            f"of {few} grains {max(0, int(few * fraction))} leave between {percent(window.start)} and "
+            f"{percent(window.start + fraction)}, and a flow rate needs more than {FEWEST}"
         )
-        larger = f"use {math.ceil(1.1 * FEWEST / part / 50) * 50} grains or more, or " if part > 0 else ""
+        larger = f"use {math.ceil(1.1 * FEWEST / fraction / 50) * 50} grains or more, or " if fraction > 0 else ""
         yield _warning(study.path, "grains.count", reason, f"{larger}widen window")
 
 
@@ -454,12 +454,12 @@ def _large_recordings(plan: Plan) -> Iterator[str]:
     """Warn of recordings that fill disk and memory."""
     largest = max((point.shared for point in plan.points), key=film_bytes)
     if (bytes_taken := film_bytes(largest)) > _LARGE_RECORDING and (every := largest.frame_interval) is not None:
-        enough = span(float(f"{every * bytes_taken / _LARGE_RECORDING:.1g}"))
+        interval = span(float(f"{every * bytes_taken / _LARGE_RECORDING:.1g}"))
         reason = (
             f"a recorded run takes about {size(bytes_taken)} on disk, and is read as a whole for pictures and fields"
         )
         yield _warning(
-            plan.study.path, "record.every", reason, f"with {enough} it takes about {size(_LARGE_RECORDING)}"
+            plan.study.path, "record.every", reason, f"with {interval} it takes about {size(_LARGE_RECORDING)}"
         )
 
 
@@ -494,12 +494,14 @@ def _soft(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Iterat
             overlap, hard = law.overlap(pressure, grains.diameter), law.softer(pressure, SOFT, grains.diameter)
             if overlap is None or hard is None or overlap <= numerics.overlap_limit:
                 continue
-            key, enough = _stated_stiffness(hard, by_e)
+            key, stiffness_text = _stated_stiffness(hard, by_e)
             reason = (
                 f"under the weight of the bed grains this soft overlap by about {overlap:.2g} d, and runs end at "
                 f"{numerics.overlap_limit:g} d (numerics.overlap_limit)"
             )
-            remedy = f"with {_rounded(enough / numerics.stiffness_scale)} {hard.unit} it is {percent(SOFT)} of d"
+            remedy = (
+                f"with {_rounded(stiffness_text / numerics.stiffness_scale)} {hard.unit} it is {percent(SOFT)} of d"
+            )
             yield _warning(study.path, f"{where}.{key}", reason, remedy)
             return
 
@@ -522,14 +524,14 @@ def softer(scene: Scene, height: float, youngs: bool = False) -> tuple[str, floa
     candidates = [
         (where, by_e, softer_law)
         for where, by_e, softer_law in laws
-        if softer_law is not None and softer_law.enough > 0
+        if softer_law is not None and softer_law.required > 0
     ]
     if not candidates:
         return None
-    where, by_e, softer_law = max(candidates, key=lambda entry: entry[2].value / entry[2].enough)
-    key, enough = _stated_stiffness(softer_law, by_e)
-    times = math.sqrt(softer_law.value / softer_law.enough)
-    return (f"{where}.{key}", enough, softer_law.unit, times) if times > _MIN_STEP_FACTOR else None
+    where, by_e, softer_law = max(candidates, key=lambda entry: entry[2].value / entry[2].required)
+    key, stiffness_text = _stated_stiffness(softer_law, by_e)
+    times = math.sqrt(softer_law.value / softer_law.required)
+    return (f"{where}.{key}", stiffness_text, softer_law.unit, times) if times > _MIN_STEP_FACTOR else None
 
 
 def _pressure(scene: Scene, height: float) -> float:
@@ -540,7 +542,7 @@ def _pressure(scene: Scene, height: float) -> float:
 def _stated_stiffness(stiffness: Softer, by_e: bool) -> tuple[str, float]:
     """Key in which a study states a stiffness, and the sufficient value. `by_e`: it states Young's modulus."""
     key, ratio = stiffness.alternative if by_e and stiffness.alternative else (stiffness.key, 1.0)
-    return key, stiffness.enough * ratio
+    return key, stiffness.required * ratio
 
 
 def _stiffnesses(scene: Scene, youngs: bool) -> Iterator[tuple[str, bool, ContactLaw]]:

@@ -33,8 +33,8 @@ def _lines(scene: Scene) -> Iterator[str]:
             "the lightest grains"
         )
     elif isinstance(law, LinearSpringDashpot) and law.largest_overlap is not None and law.impact_speed is not None:
-        part = law.largest_overlap / grains.diameter
+        fraction = law.largest_overlap / grains.diameter
         yield (
-            f"Stiffness: k_n = {law.normal_stiffness:.4g} N/m, by an overlap of {part:.3g} d of two of the heaviest "
-            f"grains at {law.impact_speed:.3g} m/s"
+            f"Stiffness: k_n = {law.normal_stiffness:.4g} N/m, by an overlap of {fraction:.3g} d of two of the "
+            f"heaviest grains at {law.impact_speed:.3g} m/s"
         )

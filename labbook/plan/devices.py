@@ -66,7 +66,7 @@ def slots(backend: Backend, device: str, points: Iterable[PointPlan]) -> int:
     return min((capacity for capacity in capacities if capacity is not None), default=sys.maxsize)
 
 
-def enough(points: Iterable[PointPlan]) -> int:
+def largest_ensemble(points: Iterable[PointPlan]) -> int:
     """Maximum number of members of an ensemble: more would not raise the throughput of a GPU, and other beds would
     wait."""
     grains = max((point.shared.scene.grains.count for point in points), default=1)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 
 from labbook.filling.bed import PACKED
 from labbook.scene import Box, ContainerShape, Scene, TriangleMesh
-from labbook.scene.likeness import likeness, outlets
+from labbook.scene.nearest_container import nearest_container, outlets
 from labbook.scene.quantities import percent
 
 _LENGTHS = ("width", "diameter", "height", "thickness", "orifice", "gap")
@@ -45,9 +45,9 @@ def _lines(name: str, mesh: TriangleMesh, smallest: float) -> Iterator[str]:
     for hole in (hole for hole in outlets(mesh.surface) if hole.diameter >= smallest):
         area, diameter, z = 1e4 * hole.area, 1e3 * hole.diameter, 1e3 * hole.z
         yield f"Mesh {name}: outlet at z = {z:.4g} mm of {area:.4g} cm^2, as a circle of {diameter:.4g} mm"
-    near = likeness(mesh)
+    near = nearest_container(mesh)
     if near is not None:
-        x, y, z = (1e3 * place for place in near.origin)
+        x, y, z = (1e3 * coordinate for coordinate in near.origin)
         turned = ", turned by 90 deg about z" if near.turned else ""
         yield (
             f"Mesh {name}: within {1e3 * near.difference:.3g} mm of container: {_keys(near.container)} with its "

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 from labbook.accuracy.groups import has_groups
 from labbook.backend import Capabilities
-from labbook.campaign import Assignment, Generation, History, Proposal, Replicates, Stops, Trial, place
+from labbook.campaign import Assignment, Generation, History, Proposal, Replicates, Stops, Trial, point_key
 from labbook.campaign.replicates import QUANTITY, in_words, scatter_of_beds
 from labbook.campaign.stops import COUNT, stops
 from labbook.campaign.strategy import EXPOSURE
@@ -103,9 +103,9 @@ class PointPlan:
     ended: Proposal | None
 
     @cached_property
-    def places(self) -> dict[str, int]:
+    def indices(self) -> dict[str, int]:
         """Index of each run in `items`, by its key."""
-        return {item.keys.run: place for place, item in enumerate(self.items)}
+        return {item.keys.run: index for index, item in enumerate(self.items)}
 
     @cached_property
     def lacking(self) -> int:
@@ -116,12 +116,12 @@ class PointPlan:
         """Return this plan with new states of some runs, by key; its cost grows with their number only."""
         items, missing = list(self.items), self.lacking
         for key, item in current.items():
-            position = self.places[key]
+            position = self.indices[key]
             missing += (item.state != "done") - (items[position].state != "done")
             items[position] = item
         changed = PointPlan(self.shared, tuple(items), None)
         # As the cached properties would give: counting all runs after each one would take quadratic time.
-        changed.__dict__.update(places=self.places, lacking=missing)
+        changed.__dict__.update(indices=self.indices, lacking=missing)
         return changed
 
     @property
@@ -332,8 +332,8 @@ class Plan:
                     f"{needed} replicates{alone} expected{cap}"
                 )
                 if choice.usual is not None:
-                    part = percent(choice.over_usual, ".0f")
-                    summary += f"; {part} of the steps that {choice.usual * 1e6:.3g} us would take if it had no bias"
+                    ratio = percent(choice.over_usual, ".0f")
+                    summary += f"; {ratio} of the steps that {choice.usual * 1e6:.3g} us would take if it had no bias"
                 line = f"Chosen for {percent(choice.tolerance)}: {summary} ({choice.source})"
                 groups[line] = (*groups.get(line, ()), point.label)
             elif point.unchosen:
@@ -342,11 +342,11 @@ class Plan:
                     measure = command("pilot", self.study.path, lab=self.lab, backend=self.backend.name)
                 else:
                     measure = "lab.pilot(study, seeds=8)"
-                verb = f"{measure} measures it"
+                phrase = f"{measure} measures it"
                 if point.wants_pilot:
-                    verb = "labbook run first measures it by a pilot and chooses again"
+                    phrase = "labbook run first measures it by a pilot and chooses again"
                 if has_groups(point.scene):
-                    why = f"Not calibrated: {point.unchosen}; {step} ({verb})"
+                    why = f"Not calibrated: {point.unchosen}; {step} ({phrase})"
                 else:
                     why = f"Cannot be calibrated: {point.unchosen}; {step}"
                 groups[why] = (*groups.get(why, ()), point.label)
@@ -373,7 +373,7 @@ _MAX_SHOWN = 30
 """Maximum number of points that are shown singly."""
 
 
-def counted(points: Iterable[PointPlan], holds: Callable[[Demand], bool]) -> tuple[int, int]:
+def done_and_demanded(points: Iterable[PointPlan], holds: Callable[[Demand], bool]) -> tuple[int, int]:
     """Count the runs of a part that are done, and those that are demanded; a run that several points share counts
     once."""
     items = (item for point in points for item in point.items)
@@ -452,14 +452,14 @@ class Planner:
         """Runs of a generation with their numbers; None until all are done. `points`: present plans, by index."""
         self._update_study()
         assert self.campaign is not None
-        places = [place(assignment.at) for assignment in self.campaign.assignments]
-        shared = dict(zip(places, self.points, strict=True))
+        point_keys = [point_key(assignment.at) for assignment in self.campaign.assignments]
+        shared = dict(zip(point_keys, self.points, strict=True))
         runs: list[tuple[Assignment, Item]] = []
         for assignment in generation.assignments:
-            point = points.get(shared[place(assignment.at)].point.index)
+            point = points.get(shared[point_key(assignment.at)].point.index)
             # Plans may be older than the generation, which can ask for more replicates of a point.
             if point is None or point.items[-1].demand.seed < assignment.replicates:
-                (point,) = self._with_first_runs([shared[place(assignment.at)]])
+                (point,) = self._with_first_runs([shared[point_key(assignment.at)]])
             assigned = [item for item in point.items if item.demand.seed <= assignment.replicates]
             runs += [(assignment, item) for item in assigned]
             if any(item.state != "done" for item in assigned):
@@ -551,7 +551,7 @@ class Planner:
             New plans of the points.
         """
         items_by_point = {
-            index: [points[index].items[points[index].places[key]] for key in keys] for index, keys in done.items()
+            index: [points[index].items[points[index].indices[key]] for key in keys] for index, keys in done.items()
         }
         listed = self._look_up((item.demand, item.keys) for items in items_by_point.values() for item in items)
         return [self._updated(points[index], items, listed) for index, items in items_by_point.items()]
@@ -657,8 +657,8 @@ class Planner:
         assert error is not None
         items = [item for item in point.items if item.state == "done"]
         strategy = Stops.of(error=error, cap=stopping_rule(self.study, shared.point).cap)
-        counted = stops(self._trials_of(shared.point, items))
-        return strategy.in_words(counted, len({item.demand.seed for item in items}))
+        stops_so_far = stops(self._trials_of(shared.point, items))
+        return strategy.in_words(stops_so_far, len({item.demand.seed for item in items}))
 
     def _filling_cost(self, items: Sequence[Item]) -> float:
         """Cost of a filling of a point, in discharges, from its finished runs."""

@@ -86,9 +86,9 @@ def _leaks(shared: PointDemand) -> str | None:
     if hole is None or not hole.certain:
         return None
     return (
-        f"container.outlet_plane: grains reach it while the container is filled, at {hole.place}, so the discharge "
-        "would start without them\n    remedy: close the outlet by a part with opens: start (it stands while filling "
-        "and vanishes at the opening), or by a wall"
+        f"container.outlet_plane: grains reach it while the container is filled, at {hole.position_text}, so the "
+        "discharge would start without them\n    remedy: close the outlet by a part with opens: start (it stands "
+        "while filling and vanishes at the opening), or by a wall"
     )
 
 
@@ -184,8 +184,8 @@ def moves_out(scene: Scene, wall: Wall, end: float) -> Outside | None:
     def beyond(time: float) -> np.ndarray:
         """Distance [m] by which the part reaches beyond each side, shape [6]."""
         assert wall.moves is not None
-        places = wall.moves.poses(np.array([time])).places(0, vertices)
-        return np.concatenate([box.low - places.min(axis=0), places.max(axis=0) - box.high])
+        positions = wall.moves.poses(np.array([time])).positions(0, vertices)
+        return np.concatenate([box.low - positions.min(axis=0), positions.max(axis=0) - box.high])
 
     stays = beyond(0.0) <= slack
     previous = 0.0

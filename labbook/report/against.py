@@ -44,9 +44,9 @@ def _section(comparison: Against, results: StudyResults, folder: Path) -> Sectio
     blocks: list[Block] = [Prose(text) for text in changes(comparison)]
     blocks += [block, against_table(comparison)]
     if comparison.unset:
-        places = "; ".join(result.label for result in comparison.unset[:5])
+        labels = "; ".join(result.label for result in comparison.unset[:5])
         rest = f" and {len(comparison.unset) - 5} more" if len(comparison.unset) > 5 else ""
-        blocks.append(Prose(f"Not shown, as {name} is not set: {places}{rest}.", note=True))
+        blocks.append(Prose(f"Not shown, as {name} is not set: {labels}{rest}.", note=True))
     return Section(title, tuple(blocks))
 
 
@@ -54,10 +54,10 @@ def changes(comparison: Against) -> list[str]:
     """Sentences on where the quantity differs most from that at the first value: one a line; for many lines one, on the
     line that changes most and the one that changes least, or on those that rise and fall most."""
     name = display.quantity(comparison.quantity).name
-    largest = [(line, place) for line in comparison.lines if (place := line.largest) is not None]
+    largest = [(line, point) for line in comparison.lines if (point := line.largest) is not None]
     if len(largest) <= _LISTED:
-        return [_ratio_sentence(comparison, line, place, name) for line, place in largest]
-    bounded = [(line, place) for line, place in largest if math.isfinite(_change(place).error)]
+        return [_ratio_sentence(comparison, line, point, name) for line, point in largest]
+    bounded = [(line, point) for line, point in largest if math.isfinite(_change(point).error)]
     unbounded = len(largest) - len(bounded)
     ranked = sorted(bounded or largest, key=lambda one: _change(one[1]).value)
     if _change(ranked[0][1]).value < 0:
@@ -65,8 +65,8 @@ def changes(comparison: Against) -> list[str]:
     else:  # all rise: the largest change first
         ends = [ranked[-1], ranked[0]]
     phrases: list[str] = []
-    for line, place in ends if len(ranked) > 1 else ends[:1]:
-        phrase, span = _change_phrase(place), _span(comparison, line, place)
+    for line, point in ends if len(ranked) > 1 else ends[:1]:
+        phrase, span = _change_phrase(point), _span(comparison, line, point)
         if phrases and phrase.partition(" ")[0] == phrases[0].partition(" ")[0]:
             phrase = phrase.partition(" ")[2]
         span = "" if phrases and f" {span}" in phrases[0] else f" {span}"
@@ -77,49 +77,53 @@ def changes(comparison: Against) -> list[str]:
     return [f"{name} {', '.join(phrases)}.{without}"]
 
 
-def _change(place: RatioPoint) -> Pooled:
+def _change(ratio_point: RatioPoint) -> Pooled:
     """The change relative to the value at the first place of the line."""
-    assert place.ratio is not None
-    return replace(place.ratio, value=place.ratio.value - 1)
+    assert ratio_point.ratio is not None
+    return replace(ratio_point.ratio, value=ratio_point.ratio.value - 1)
 
 
-def _change_phrase(place: RatioPoint) -> str:
+def _change_phrase(ratio_point: RatioPoint) -> str:
     """`falls by 41 ± 4 %`, or `does not change` where the interval holds zero."""
-    change = _change(place)
+    change = _change(ratio_point)
     size = f"{display.with_error(abs(change.value), change.error, 100)} %"
     unsure = " (no change is shown)" if change.low <= 0 <= change.high else ""
     return f"{'falls' if change.value < 0 else 'rises'} by {size}{unsure if math.isfinite(change.error) else ''}"
 
 
-def _span(comparison: Against, line: Line, place: RatioPoint) -> str:
+def _span(comparison: Against, line: Line, ratio_point: RatioPoint) -> str:
     """`from 20 to 90 deg`: the two values that a change lies between; words with their key."""
     assert line.first is not None
     if comparison.words or any(map(names_scene, comparison.along)):
-        return f"from {comparison.setting(line.first)} to {comparison.setting(place)}"
-    ends = f"from {_value(comparison, line.first.value)} to {_value(comparison, place.value)}"
+        return f"from {comparison.setting(line.first)} to {comparison.setting(ratio_point)}"
+    ends = f"from {_value(comparison, line.first.value)} to {_value(comparison, ratio_point.value)}"
     unit = display.key(comparison.key).unit
     return f"{ends} {unit}" if unit else f"from {display.spoken(comparison.key)} {ends.removeprefix('from ')}"
 
 
-def _ratio_sentence(comparison: Against, line: Line, place: RatioPoint, name: str) -> str:
-    assert place.ratio is not None
+def _ratio_sentence(comparison: Against, line: Line, ratio_point: RatioPoint, name: str) -> str:
+    assert ratio_point.ratio is not None
     assert line.first is not None
-    ends = [display.number(end, place.ratio.error, 100) for end in (place.ratio.low, place.ratio.high)]
-    sure = math.isfinite(place.ratio.half_width)
-    interval = f"95 %: {ends[0]} to {ends[1]} %, {_rests(place)}" if sure else _unsure(comparison, line, place)
-    open_one = "; no change is shown" if sure and place.ratio.low <= 1 <= place.ratio.high else ""
-    at = f"at {comparison.setting(place)}"
+    ends = [
+        display.number(end, ratio_point.ratio.error, 100) for end in (ratio_point.ratio.low, ratio_point.ratio.high)
+    ]
+    sure = math.isfinite(ratio_point.ratio.half_width)
+    interval = (
+        f"95 %: {ends[0]} to {ends[1]} %, {_pairing(ratio_point)}" if sure else _unsure(comparison, line, ratio_point)
+    )
+    open_one = "; no change is shown" if sure and ratio_point.ratio.low <= 1 <= ratio_point.ratio.high else ""
+    at = f"at {comparison.setting(ratio_point)}"
     first = f"{_value(comparison, line.first.value)} {display.key(comparison.key).unit}".rstrip()
-    over = f"that at {comparison.setting(line.first) if any(map(names_scene, comparison.along)) else first}"
+    denominator = f"that at {comparison.setting(line.first) if any(map(names_scene, comparison.along)) else first}"
     before = f"{line.label}: " if line.label else ""
-    return f"{before}{name} {at} is {_percent(place)} of {over} ({interval}){open_one}."
+    return f"{before}{name} {at} is {_percent(ratio_point)} of {denominator} ({interval}){open_one}."
 
 
-def _unsure(comparison: Against, line: Line, place: RatioPoint) -> str:
+def _unsure(comparison: Against, line: Line, ratio_point: RatioPoint) -> str:
     """Reason that a ratio has no interval: one pair of runs, or one run at either value; with the remarks of points."""
     assert line.first is not None
-    why = f"{_rests(place)}: no interval" if place.pairs else "one run: no interval"
-    ends = [(one.value, one.result.remark) for one in (line.first, place) if one.result.remark]
+    why = f"{_pairing(ratio_point)}: no interval" if ratio_point.pairs else "one run: no interval"
+    ends = [(one.value, one.result.remark) for one in (line.first, ratio_point) if one.result.remark]
     return "; ".join((why, *(f"at {_value(comparison, value)}: {remark}" for value, remark in ends)))
 
 
@@ -132,9 +136,9 @@ def _value(found: Against, value: float | str) -> str:
     return display.amount(found.key, value)
 
 
-def _percent(place: RatioPoint) -> str:
-    assert place.ratio is not None
-    return f"{display.with_error(place.ratio.value, place.ratio.error, 100)} %"
+def _percent(ratio_point: RatioPoint) -> str:
+    assert ratio_point.ratio is not None
+    return f"{display.with_error(ratio_point.ratio.value, ratio_point.ratio.error, 100)} %"
 
 
 def against_table(comparison: Against) -> Table:
@@ -143,22 +147,22 @@ def against_table(comparison: Against) -> Table:
     notation = display.quantity(comparison.quantity)
     rows = []
     for line in comparison.lines:
-        for place in line.places:
+        for point in line.points:
             at = (display.amount(name, line.at[name]) if name in line.at else "–" for name in other_keys)
-            pooled = place.result.pooled.get(comparison.quantity)
+            pooled = point.result.pooled.get(comparison.quantity)
             value = "–" if pooled is None else display.with_error(pooled.value, pooled.error, notation.scale)
             interval = "–" if pooled is None else display.percentage(pooled.relative)
-            values = {**place.result.at, **place.result.along}
+            values = {**point.result.at, **point.result.along}
             along = (display.amount(name, values[name]) if name in values else "–" for name in comparison.along)
             rows.append(
                 (
                     *at,
-                    _value(comparison, place.value),
+                    _value(comparison, point.value),
                     *along,
                     value,
                     interval,
-                    *_ratio(place, line),
-                    place.result.remark,
+                    *_ratio(point, line),
+                    point.result.remark,
                 )
             )
     keys = (*other_keys, comparison.key, *comparison.along)
@@ -175,44 +179,46 @@ def against_table(comparison: Against) -> Table:
 
 
 def _worded(comparison: Against, name: str) -> bool:
-    places = [place.result for line in comparison.lines for place in line.places]
-    values = comparison.values if name == comparison.key else [{**one.at, **one.along}.get(name) for one in places]
+    results = [point.result for line in comparison.lines for point in line.points]
+    values = comparison.values if name == comparison.key else [{**one.at, **one.along}.get(name) for one in results]
     return any(isinstance(value, str) for value in values)
 
 
-def _ratio(place: RatioPoint, line: Line) -> tuple[str, str, str]:
-    if place is line.first:
+def _ratio(ratio_point: RatioPoint, line: Line) -> tuple[str, str, str]:
+    if ratio_point is line.first:
         return "1", "–", "–"
-    if place.ratio is None:
+    if ratio_point.ratio is None:
         return "–", "–", "–"
-    ratio = place.ratio
+    ratio = ratio_point.ratio
     ends = (display.number(end, ratio.error) for end in (ratio.low, ratio.high))
     interval = " to ".join(ends) if math.isfinite(ratio.half_width) else "unknown"
-    return display.with_error(ratio.value, ratio.error), interval, _rests(place)
+    return display.with_error(ratio.value, ratio.error), interval, _pairing(ratio_point)
 
 
-def _rests(place: RatioPoint) -> str:
-    return f"{place.pairs} pair{'' if place.pairs == 1 else 's'}" if place.pairs else "independent runs"
+def _pairing(ratio_point: RatioPoint) -> str:
+    return (
+        f"{ratio_point.pairs} pair{'' if ratio_point.pairs == 1 else 's'}" if ratio_point.pairs else "independent runs"
+    )
 
 
 def against_caption(comparison: Against) -> str:
     """Caption of the figure of a quantity against a key."""
     name = display.quantity(comparison.quantity).name
-    pairs = {place.pairs > 0 for line in comparison.lines for place in line.places if place.ratio is not None}
+    pairs = {point.pairs > 0 for line in comparison.lines for point in line.points if point.ratio is not None}
     how = {
         frozenset({True}): "from pairs of runs that start from the same packing",
         frozenset({False}): "of independent runs (Welch)",
     }.get(frozenset(pairs), "from pairs of runs that start from the same packing, or of independent runs (Welch)")
-    ratios = [place.ratio for line in comparison.lines for place in line.places if place.ratio is not None]
+    ratios = [point.ratio for line in comparison.lines for point in line.points if point.ratio is not None]
     with_intervals = "with 95 % intervals " if any(math.isfinite(ratio.half_width) for ratio in ratios) else ""
     below = f" Below: over {name} at {_first(comparison)}, {with_intervals}{how}." if ratios else ""
     text = f"Above: {name} with 95 % intervals.{below}"
-    places = [place.result for line in comparison.lines for place in line.places]
-    pooled = [one.pooled[comparison.quantity] for one in places if comparison.quantity in one.pooled]
+    results = [point.result for line in comparison.lines for point in line.points]
+    pooled = [one.pooled[comparison.quantity] for one in results if comparison.quantity in one.pooled]
     open_ends = not all(math.isfinite(one.half_width) for one in (*pooled, *ratios))
-    text += " Hollow: see the remarks in the table." if any(one.remark for one in places) else ""
+    text += " Hollow: see the remarks in the table." if any(one.remark for one in results) else ""
     text += " Hollow with a dashed bar: the interval is unknown." if open_ends else ""
-    text += f" Cross at the foot: no {name}." if len(pooled) < len(places) else ""
+    text += f" Cross at the foot: no {name}." if len(pooled) < len(results) else ""
     if comparison.along:
         with_it = _listed([display.spoken(other) for other in comparison.along])
         text += f" {with_it} {'change' if len(comparison.along) > 1 else 'changes'} along."

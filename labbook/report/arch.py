@@ -25,9 +25,9 @@ def arch_sections(results: StudyResults, folder: Path) -> list[Section]:
 def arch_table(points: list[PointArches]) -> Table:
     """Number of arches, their grains and the force along them at each point."""
     rows = tuple(
-        (point.result.label or "the only point", f"{point.width:.3g}", str(len(point.sizes)), str(len(point.runs)),
-         _number(point.size.value, point.size.error), f"{point.sizes.min():.0f} to {point.sizes.max():.0f}",
-         _number(point.force.value, point.force.error))
+        (point.result.label or "the only point", f"{point.width_ratio:.3g}",
+         str(len(point.sizes)), str(len(point.runs)), _number(point.size.value, point.size.error),
+         f"{point.sizes.min():.0f} to {point.sizes.max():.0f}", _number(point.force.value, point.force.error))
         for point in points
     )  # fmt: skip
     headings = ("point", "D/d", "arches", "runs", "grains of an arch", "range", "force along it / (m g)")

@@ -93,7 +93,7 @@ class Section:
     anchor: str = ""
 
     @property
-    def parts(self) -> tuple["Section", ...]:
+    def subsections(self) -> tuple["Section", ...]:
         """The sections within."""
         return tuple(block for block in self.blocks if isinstance(block, Section))
 

@@ -56,13 +56,15 @@ def agreement_table(result: CalibrationResults) -> Table:
     for entry in result.agreements:
         unit = display.quantity(entry.quantity)
         measured = f"{display.with_error(entry.value, entry.error, unit.scale)} {unit.unit}".rstrip()
-        rows.append((result.place(entry), measured, result.amount(entry.quantity, entry.model)))
+        rows.append((result.quantity_label(entry), measured, result.amount(entry.quantity, entry.model)))
     for entry in result.predictions:
         unit = display.quantity(entry.quantity)
         measured = "not measured"
         if entry.measured is not None and entry.error is not None:
             measured = f"{display.with_error(entry.measured, entry.error, unit.scale)} {unit.unit}".rstrip()
-        rows.append((f"{result.place(entry)} (prediction)", measured, result.amount(entry.quantity, entry.interval)))
+        rows.append(
+            (f"{result.quantity_label(entry)} (prediction)", measured, result.amount(entry.quantity, entry.interval))
+        )
     return Table(("quantity", "measured", "model"), tuple(rows), notes=(_PREDICTED,))
 
 
@@ -72,14 +74,15 @@ def sensitivity_table(result: CalibrationResults) -> Table:
     taking_part = [entry for entry in result.agreements]
     for (quantity, number), of in result.inference.sobol_indices().items():
         entry = [agreement for agreement in taking_part if agreement.quantity == quantity][number]
-        rows.append((result.place(entry), *(f"{of[key][0]:.2f} ({of[key][1]:.2f})" for key in keys)))
+        rows.append((result.quantity_label(entry), *(f"{of[key][0]:.2f} ({of[key][1]:.2f})" for key in keys)))
     return Table(("quantity", *(display.key(key).name for key in keys)), tuple(rows), notes=(_INDICES,))
 
 
 def experiment_table(result: CalibrationResults) -> Table:
     """Measurements that would narrow the posterior most."""
     rows = tuple(
-        (result.place(entry), percent(entry.error), f"{entry.gain:.2f}") for entry in result.experiments[:_ROWS]
+        (result.quantity_label(entry), percent(entry.error), f"{entry.gain:.2f}")
+        for entry in result.experiments[:_ROWS]
     )
     return Table(("next experiment", "its standard error", "posterior narrower by"), rows, notes=(_GAIN,))
 

@@ -21,7 +21,7 @@ from labbook.stats.survival import Correlation
 def clogging_sections(results: StudyResults, folder: Path) -> list[Section]:
     """Figure and tables of every series; none where clogging is not measured."""
     every = clogging(results)
-    parts = []
+    sections = []
     for index, series in enumerate(every):
         suffix = f"-{index + 1}" if len(every) > 1 else ""
         stem = folder / f"clogging{suffix}"
@@ -33,8 +33,8 @@ def clogging_sections(results: StudyResults, folder: Path) -> list[Section]:
                    for fit, table in zip(series.fits, law_tables(series), strict=True)]  # fmt: skip
         blocks += [Prose(series.verdict)] if series.verdict else []
         blocks += [Prose(f"Not fitted: {problem}.", note=True) for problem in series.problems]
-        parts.append(Section(series.series.label or "Clogging", tuple(blocks)))
-    return parts if len(parts) < 2 else [Section("Clogging", tuple(parts))]
+        sections.append(Section(series.series.label or "Clogging", tuple(blocks)))
+    return sections if len(sections) < 2 else [Section("Clogging", tuple(sections))]
 
 
 def clogging_table(series: SeriesClogging) -> Table:
@@ -44,16 +44,16 @@ def clogging_table(series: SeriesClogging) -> Table:
     for point in series.points:
         q, result = point.probability, point.result
         runs = f"{result.outcomes['clogged']} of {len(result.runs)}"
-        head = (result.label or "the only point", f"{point.width:.3g}", runs)
+        head = (result.label or "the only point", f"{point.width_ratio:.3g}", runs)
         rates = [display.with_error(w.value, w.error, flow.scale) if w is not None else "–"
                  for w in (result.flow_rate, point.flowing)]  # fmt: skip
         if q is None:
             rows.append((*head, "–", "–", "–", "–", "–", "–", *rates))
             continue
         low, high = point.over_beds
-        over = f"{_short(low)} to {_short(high)}" if math.isfinite(low) and not q.bound else "–"
+        interval = f"{_short(low)} to {_short(high)}" if math.isfinite(low) and not q.bound else "–"
         rows.append(
-            (*head, str(q.events), f"{q.exposure:.0f}", probability(q), over, _mean(point),
+            (*head, str(q.events), f"{q.exposure:.0f}", probability(q), interval, _mean(point),
              f"{point.preceding:.2g}" if math.isfinite(point.preceding) else "–", *rates)
         )  # fmt: skip
     headings = ("point", "D/d", "clogged", "stops", "grains", "q (95 %)", "q over packings", "mean avalanche", "F")
@@ -81,16 +81,16 @@ def times_table(series: SeriesClogging) -> Table | None:
     """Times between grains of the points whose walls move: tail, verdict and flowing fraction; None without any."""
     rows, reasons = [], []
     for point in (point for point in series.points if point.times is not None):
-        label, part = point.result.label or "the only point", f"{point.flowing_fraction:.3g}"
+        label, fraction = point.result.label or "the only point", f"{point.flowing_fraction:.3g}"
         if isinstance(point.tail, str):
-            rows.append((label, part, *("–",) * 7))
+            rows.append((label, fraction, *("–",) * 7))
             reasons.append(f"{label}: {point.tail}.")
             continue
         tail = point.tail
         alpha = f"{tail.alpha:.2f} ({tail.low:.2f} to {tail.high:.2f})"
         counts = f"{tail.n} (+{tail.censored} censored)"
         ratios = f"{tail.exponential:.1f}", f"{tail.stretched:.1f}", f"{point.tail_goodness:.2g}"
-        rows.append((label, part, alpha, f"{tail.t_min:.3g}", counts, *ratios, tail.verdict))
+        rows.append((label, fraction, alpha, f"{tail.t_min:.3g}", counts, *ratios, tail.verdict))
     headings = ("point", "flowing fraction", "α (95 %)", "t_min [s]", "times", "ln L, exponential",
                 "ln L, stretched", "p", "verdict")  # fmt: skip
     return Table(headings, tuple(rows), frozenset({0, 8}), notes=(_TIMES, *reasons)) if rows else None
@@ -125,7 +125,7 @@ def _short(value: float) -> str:
 
 
 def _transients(series: SeriesClogging) -> str:
-    scenes = [(point.result.point.scene, point.place or 0) for point in series.points]
+    scenes = [(point.result.point.scene, point.outlet_index or 0) for point in series.points]
     after = (
         "" if all(scene.restart is None for scene, _ in scenes) else f", and {_range(scenes, False)} of each restart"
     )
@@ -134,7 +134,7 @@ def _transients(series: SeriesClogging) -> str:
 
 def _range(scenes: Sequence[tuple[Scene, int]], opening: bool) -> str:
     """Smallest and largest transient of scenes and indices of their outlets."""
-    first = sorted({transient(scene, opening, place) for scene, place in scenes})
+    first = sorted({transient(scene, opening, outlet_index) for scene, outlet_index in scenes})
     return " to ".join(dict.fromkeys((str(first[0]), str(first[-1]))))
 
 

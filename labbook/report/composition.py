@@ -10,7 +10,7 @@ from labbook.report.blocks import Section, picture
 from labbook.report.tables import Table
 from labbook.results import display
 from labbook.results.composition import PooledShares, composition_of
-from labbook.results.points import PointResult, counted
+from labbook.results.points import PointResult, values_by_run
 from labbook.results.study import StudyResults
 
 
@@ -34,12 +34,12 @@ def composition_table(points: Sequence[PooledShares]) -> Table:
     rows = []
     for pooled in points:
         result = pooled.result
-        for place, (name, initial) in enumerate(zip(pooled.names, pooled.initial, strict=True)):
-            of_bed = (_pooled(result, "lacey_index"), _p_values(result)) if place == 0 else ("", "")
+        for class_index, (name, initial) in enumerate(zip(pooled.names, pooled.initial, strict=True)):
+            of_bed = (_pooled(result, "lacey_index"), _p_values(result)) if class_index == 0 else ("", "")
             index = result.pooled.get(f"segregation_{name}")
             rows.append(
                 (
-                    (result.label or "the only point") if place == 0 else "",
+                    (result.label or "the only point") if class_index == 0 else "",
                     name,
                     f"{100 * initial:.3g}",
                     _pooled(result, f"flow_rate_of_{name}", 1e3),
@@ -61,7 +61,7 @@ def _p_values(result: PointResult) -> str:
     """p value of all runs together, by Fisher's method."""
     from scipy.stats import combine_pvalues
 
-    values = [value for _, value in counted(result, "segregation_p")]
+    values = [value for _, value in values_by_run(result, "segregation_p")]
     return f"{combine_pvalues(values)[1]:.2g}" if values else "–"
 
 

@@ -4,7 +4,7 @@ from base64 import b64encode
 from collections.abc import Iterator
 from pathlib import Path
 
-from labbook.export.film import shows, source_of_film, source_of_sweep
+from labbook.export.film import is_film_of, source_of_film, source_of_sweep
 from labbook.export.recording import path_of
 from labbook.report.blocks import Folded, Picture, Prose, Section
 from labbook.results.points import PointResult, RunResult
@@ -42,9 +42,9 @@ def _films(results: StudyResults, runs: list[tuple[PointResult, RunResult]]) -> 
         return
     first = list({result.point.index: run.run.record for result, run in reversed(runs)}.values())[::-1]
     sweep = films / name / f"sweep-{first[0].backend}-layers.webp"
-    if len(first) > 1 and shows(sweep, source_of_sweep(first)):
+    if len(first) > 1 and is_film_of(sweep, source_of_sweep(first)):
         yield sweep, SWEEP
     for result, run in runs:
         path = path_of(films, run.run.record, name, result.point, "-layers.webp")
-        if shows(path, source_of_film(run.run.record)):
+        if is_film_of(path, source_of_film(run.run.record)):
             yield path, ", ".join(filter(None, (result.label, run.repeat)))

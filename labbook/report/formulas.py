@@ -34,14 +34,14 @@ def mathml(text: str) -> str:
 
 
 def _tokens(text: str) -> list[str]:
-    tokens, place = [], 0
+    tokens, offset = [], 0
     text = text.rstrip()
-    while place < len(text):
-        match = _TOKEN.match(text, place)
+    while offset < len(text):
+        match = _TOKEN.match(text, offset)
         if match is None:
-            raise ValueError(text[place:])
+            raise ValueError(text[offset:])
         tokens.append(match[1])
-        place = match.end()
+        offset = match.end()
     return tokens
 
 

@@ -45,7 +45,7 @@ __all__ = ["FILE", "PARTS", "environment", "summary", "write"]
 
 FILE = "report.html"
 
-Part = Callable[[StudyResults, Path], Sequence[Section]]
+SectionSource = Callable[[StudyResults, Path], Sequence[Section]]
 """Makes sections of what was found; figures go into the folder."""
 
 
@@ -57,7 +57,8 @@ def write(results: StudyResults, folder: Path, today: date | None = None) -> Pat
     folder.mkdir(parents=True, exist_ok=True)
     study = results.study
     sections = anchored(
-        [section for part in _parts(results) for section in part(results, folder)], {"result", "contents"}
+        [section for sections_of in _section_sources(results) for section in sections_of(results, folder)],
+        {"result", "contents"},
     )
     text = (
         environment()
@@ -118,12 +119,12 @@ def _trends(results: StudyResults, folder: Path) -> list[Picture]:
     for law in dict.fromkeys(
         law for each_series in results.series for law in (*each_series.fits, *each_series.further)
     ):
-        places = {
+        points = {
             each_series.at[key]
             for each_series in results.series
             if each_series.parameters(law) and key in each_series.at
         }
-        if len(places) > 1:
+        if len(points) > 1:
             figure = figures.parameters_against(key, law, results.series, results.comparisons)
             called = law.replace("_", " ")
             caption = f"Parameters of {called.capitalize()} with 95 % intervals; diamonds: the reference."
@@ -175,7 +176,7 @@ def _provenance(results: StudyResults, folder: Path) -> list[Section]:
     return [Section("Provenance", tuple(blocks))]
 
 
-PARTS: tuple[Part, ...] = (
+PARTS: tuple[SectionSource, ...] = (
     map_sections,
     against_sections,
     _overview,
@@ -199,11 +200,11 @@ PARTS: tuple[Part, ...] = (
     _provenance,
 )
 
-OF_CALIBRATIONS: tuple[Part, ...] = (calibrated_sections, _outcomes, _provenance)
+OF_CALIBRATIONS: tuple[SectionSource, ...] = (calibrated_sections, _outcomes, _provenance)
 """Parts of the report of a calibration, whose points differ in parameters that have no meaning alone."""
 
 
-def _parts(results: StudyResults) -> tuple[Part, ...]:
+def _section_sources(results: StudyResults) -> tuple[SectionSource, ...]:
     return OF_CALIBRATIONS if isinstance(results.study.adapt, Calibrate) else PARTS
 
 

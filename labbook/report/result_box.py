@@ -42,13 +42,13 @@ _EXPECTED = {PACKING_FRACTION: "packing fraction", "power_released": "energy bal
 def result_box(results: StudyResults) -> Facts:
     """Findings of a study: rows of a term and a sentence. Rows that need attention are marked."""
     rows = [*_findings(results), *((ATTENTION, text) for text in concerns(results))]
-    rows.append(("Runs", _counted(results)))
+    rows.append(("Runs", _run_counts(results)))
     return Facts(tuple(rows), frozenset({ATTENTION}))
 
 
 def summary(results: StudyResults) -> list[str]:
     """The same as plain sentences."""
-    return [_counted(results), *concerns(results), *(text for _, text in _findings(results))]
+    return [_run_counts(results), *concerns(results), *(text for _, text in _findings(results))]
 
 
 def headline(results: StudyResults) -> str:
@@ -64,7 +64,7 @@ def headline(results: StudyResults) -> str:
     return next((text for _, text in _flow_rates(results)), "")
 
 
-def _counted(results: StudyResults) -> str:
+def _run_counts(results: StudyResults) -> str:
     runs = sum(len(result.runs) for result in results.points)
     return f"{_count(runs, 'run')} of {_count(len(results.points), 'point')}."
 
@@ -242,8 +242,8 @@ def concerns(results: StudyResults) -> list[str]:
     for how in ("clogged", "diverged"):
         ended = [(point, point.outcomes[how]) for point in points if point.outcomes[how]]
         if ended:
-            places = [f"{one.label or 'the only point'} ({n} of {len(one.runs)})" for one, n in ended]
-            sentences.append(f"{_count(sum(n for _, n in ended), 'run')} {how}: {_listed(places)}.")
+            labels = [f"{one.label or 'the only point'} ({n} of {len(one.runs)})" for one, n in ended]
+            sentences.append(f"{_count(sum(n for _, n in ended), 'run')} {how}: {_listed(labels)}.")
     sentences.append(_no_flow(results))
     suspects = [(point, run) for point in points for run in point.suspect]
     if suspects:

@@ -147,9 +147,9 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, float | str | bool | N
     elif isinstance(value, list) and len(value) > _VALUES and not any(isinstance(inner, Mapping) for inner in value):
         yield name, f"({len(value)} values)"
     elif isinstance(value, list):
-        for place, inner in enumerate(value):
+        for index, inner in enumerate(value):
             has_name = isinstance(inner, Mapping) and "name" in inner
-            own = inner["name"] if has_name else place
+            own = inner["name"] if has_name else index
             content = {key: part for key, part in inner.items() if key != "name"} if has_name else inner
             yield from _leaves(content, f"{name}.{own}")
     else:

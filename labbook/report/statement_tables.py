@@ -12,7 +12,7 @@ from labbook.study import Statement
 def statement_table(judged: Sequence[Judged]) -> Table:
     """Every statement with ours, its interval, what it asks, and the verdict; those that do not hold are marked."""
     rows, marked, reasons = [], set(), []
-    for place, judgement in enumerate(judged):
+    for index, judgement in enumerate(judged):
         statement, (scale, _) = judgement.statement, _scale_and_unit(judgement.statement)
         range_text = _range_text(statement)
         if judgement.ours is None:
@@ -36,7 +36,7 @@ def statement_table(judged: Sequence[Judged]) -> Table:
             )
         )
         if judgement.verdict == "does not hold":
-            marked.add(place)
+            marked.add(index)
     note = (
         "A statement holds if our interval lies within its range, does not hold if it lies outside (bold), and is "
         "undecided otherwise or where nothing was measured. Intervals are 95 % unless stated otherwise."
@@ -54,7 +54,7 @@ def statement_digest(judged: Sequence[Judged]) -> Table | None:
     if len(groups) == len(judged):
         return None
     rows, marked = [], set()
-    for place, (statement, group) in enumerate(groups):
+    for index, (statement, group) in enumerate(groups):
         verdict = at_all(group)
         there = sum(member.verdict == verdict for member in group)
         ordered = sorted((member for member in group if member.ours is not None), key=lambda one: one.ours or 0.0)
@@ -62,7 +62,7 @@ def statement_digest(judged: Sequence[Judged]) -> Table | None:
         where = "" if len(group) == 1 else f" at all {there}" if there == len(group) else f" at {there} of {len(group)}"
         rows.append((statement.says, _range_text(statement), " to ".join(dict.fromkeys(ours)) or "–", verdict + where))
         if verdict == "does not hold":
-            marked.add(place)
+            marked.add(index)
     note = "A statement holds if it holds at all of its points, and does not hold (bold) if it fails at one."
     return Table(("statement", "stated", "ours", "verdict"), tuple(rows), frozenset({0, 3}), frozenset(marked), (note,))
 

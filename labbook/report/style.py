@@ -160,12 +160,12 @@ def legend_point(ax: "Axes", label: str, **look: Any) -> None:
     ax.plot([], [], linestyle="none", label=label, **look)
 
 
-def crosses(ax: "Axes", places: Sequence[tuple[float, str]], color: str) -> None:
+def crosses(ax: "Axes", positions: Sequence[tuple[float, str]], color: str) -> None:
     """A cross at the foot of the panel for each x without a value, and above it why, if there is anything to say."""
     from matplotlib.patheffects import withStroke
 
     foot = ax.get_xaxis_transform()
-    for x, why in places:
+    for x, why in positions:
         ax.plot(x, _FOOT, marker="x", color=color, linestyle="none", transform=foot, clip_on=False, zorder=3)
         if why:
             beside = {"rotation": 90, "ha": "center", "va": "bottom", "size": 5.5, "color": color}

@@ -110,16 +110,16 @@ def further_table(results: StudyResults) -> Table | None:
     groups: dict[tuple[str, ...], list[tuple[str, ...]]] = {}
     for result in results.points:
         groups.setdefault(_cells(result, measured), []).append(_at(result, swept))
-    rows = tuple((*at, *cells) for cells, places in groups.items() for at in _together(places))
+    rows = tuple((*at, *cells) for cells, settings in groups.items() for at in _together(settings))
     return Table(_headings(swept, measured), rows, frozenset())
 
 
-def _together(places: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
+def _together(rows: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
     """One row for places that are all combinations of the values of their keys, `18, 21, 24` of one key; else a row for
     each."""
-    values = [list(dict.fromkeys(column)) for column in zip(*places, strict=True)]
-    if len(places) == 1 or math.prod(map(len, values)) != len(set(places)):
-        return list(places)
+    values = [list(dict.fromkeys(column)) for column in zip(*rows, strict=True)]
+    if len(rows) == 1 or math.prod(map(len, values)) != len(set(rows)):
+        return list(rows)
     return [tuple(_listed(each) for each in values)]
 
 
@@ -186,7 +186,7 @@ def budget_table(results: StudyResults) -> Table:
     reasons: dict[str, None] = {}
     for budget in budgets(results):
         cells = {share.source: _share(share) for share in budget.shares}
-        total = "–" if len(budget.unmeasured) == len(budget.shares) else _parts(budget.total)
+        total = "–" if len(budget.unmeasured) == len(budget.shares) else _fraction(budget.total)
         if budget.quantity == FLOW_RATE:
             reasons |= dict.fromkeys(f"{share.source}: {share.basis}" for share in budget.shares)
         rows.append((budget.name, _at(budget.of, swept), (*(cells.get(source, "–") for source in SOURCES), total)))
@@ -207,13 +207,13 @@ def _once(rows: Sequence[tuple[str, tuple[str, ...], tuple[str, ...]]]) -> Itera
 
 
 def _share(share: Share) -> str:
-    if share.part is None:
+    if share.relative is None:
         return "–"
-    return f"{_parts(share.part)} ({share.beside})" if share.beside else _parts(share.part)
+    return f"{_fraction(share.relative)} ({share.beside})" if share.beside else _fraction(share.relative)
 
 
-def _parts(part: float) -> str:
-    return percent(part, ".2f")
+def _fraction(fraction: float) -> str:
+    return percent(fraction, ".2f")
 
 
 _BUDGET = (
@@ -239,11 +239,11 @@ def digest_table(comparisons: Sequence[Comparison]) -> Table | None:
         return None
     rows = []
     for quantity, group in groups.items():
-        close = sum(member.inside is True for member in group)
+        agreeing = sum(member.inside is True for member in group)
         sizes = sorted(abs(member.relative) for member in group if math.isfinite(member.relative))
         middle = percent(statistics.median(sizes)) if sizes else "–"
         largest = percent(sizes[-1]) if sizes else "–"
-        rows.append((display.quantity(quantity).name, str(len(group)), str(close), middle, largest))
+        rows.append((display.quantity(quantity).name, str(len(group)), str(agreeing), middle, largest))
     headings = ("quantity", "numbers", "inside our 95 % intervals", "median difference", "largest")
     return Table(headings, tuple(rows))
 
@@ -260,7 +260,7 @@ def inside(one: Comparison) -> str:
 def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     """The reference's numbers beside ours; rows of numbers outside our 95 % intervals are marked."""
     rows, marked, reasons = [], set(), []
-    for place, c in enumerate(comparisons):
+    for index, c in enumerate(comparisons):
         notation = display.quantity(c.quantity, c.unit)
         reference = display.with_error(c.reference, c.reference_error or math.nan, notation.scale)
         name = f"{notation.heading}, {c.says}" if c.says else notation.heading
@@ -272,10 +272,10 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
             f"{display.number(c.low, c.error, notation.scale)} to {display.number(c.high, c.error, notation.scale)}"
         )
         ours = display.with_error(c.ours, c.error, notation.scale)
-        part = "–" if math.isnan(c.relative) else percent(c.relative, "+.1f").replace("-", "−")
-        rows.append((name, c.label, reference, ours, interval, part, inside(c)))
+        deviation = "–" if math.isnan(c.relative) else percent(c.relative, "+.1f").replace("-", "−")
+        rows.append((name, c.label, reference, ours, interval, deviation, inside(c)))
         if c.inside is False:
-            marked.add(place)
+            marked.add(index)
     headings = ("quantity", "at", "reference", "ours", "95 % interval", "difference", INSIDE)
     notes = (
         "The last column: whether the reference lies inside our 95 % interval, widened by the reference’s error if it "

@@ -36,13 +36,13 @@ _SCALES = {"length": 1e3, "ratio": 1.0, "layer": 1e3}
 def wall_sections(results: StudyResults, folder: Path) -> list[Section]:
     """Wall stress of each point that measured it."""
     points = [walls for walls in map(pooled_walls, results.points) if walls is not None]
-    parts = []
+    sections = []
     for number, walls in enumerate(points, 1):
         suffix = f"-{number}" if len(points) > 1 else ""
-        parts.append(Section(walls.result.label or "Stress on walls", _blocks(walls, folder, suffix)))
-    if len(parts) < 2:
-        return [Section("Stress on walls", part.blocks) for part in parts]
-    return [Section("Stress on walls", tuple(parts))]
+        sections.append(Section(walls.result.label or "Stress on walls", _blocks(walls, folder, suffix)))
+    if len(sections) < 2:
+        return [Section("Stress on walls", section.blocks) for section in sections]
+    return [Section("Stress on walls", tuple(sections))]
 
 
 def _blocks(walls: PooledWalls, folder: Path, suffix: str) -> tuple[Block, ...]:
@@ -212,7 +212,7 @@ def choice(walls: PooledWalls) -> str:
 
 
 def _vector(vector: np.ndarray, scale: float) -> str:
-    return ", ".join(f"{scale * part:.3g}" if math.isfinite(part) else "–" for part in vector)
+    return ", ".join(f"{scale * component:.3g}" if math.isfinite(component) else "–" for component in vector)
 
 
 def _caption(fits: Mapping[str, Mapping[str, JanssenFit]]) -> str:

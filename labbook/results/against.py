@@ -14,6 +14,7 @@ from labbook.results import display
 from labbook.results.points import FLOW_RATE, ORIFICE, PointResult, by_seed, followers, names_scene
 from labbook.stats import Pooled
 from labbook.stats.ratio import independent_ratio, paired_ratio
+from labbook.warning import RenamedAttribute
 
 Value = float | str
 
@@ -42,13 +43,14 @@ class Line:
 
     Args:
         at: Swept values that they have in common.
-        places: The points: numbers ascending, words as the study lists them.
+        points: The points: numbers ascending, words as the study lists them.
         first: Point that the others are compared with; None if no point has the quantity.
     """
 
     at: Mapping[str, Value]
-    places: tuple[RatioPoint, ...]
+    points: tuple[RatioPoint, ...]
     first: RatioPoint | None
+    places = RenamedAttribute("points")
 
     @property
     def label(self) -> str:
@@ -58,8 +60,8 @@ class Line:
     @property
     def largest(self) -> RatioPoint | None:
         """Point at which the quantity differs most from that of the first; None without any ratio."""
-        with_ratio = [place for place in self.places if place.ratio is not None]
-        return max(with_ratio, key=lambda place: abs(place.ratio.value - 1) if place.ratio else 0.0, default=None)
+        with_ratio = [point for point in self.points if point.ratio is not None]
+        return max(with_ratio, key=lambda point: abs(point.ratio.value - 1) if point.ratio else 0.0, default=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +82,11 @@ class Against:
     along: tuple[str, ...] = ()
     unset: tuple[PointResult, ...] = ()
 
-    def setting(self, place: RatioPoint) -> str:
+    def setting(self, point: RatioPoint) -> str:
         """`L = 6 mm, d = 3 mm`: the key at a place, with the keys that change along."""
-        values = {**place.result.at, **place.result.along}
+        values = {**point.result.at, **point.result.along}
         along = {name: values[name] for name in self.along if name in values and names_scene(name)}
-        return display.label({self.key: place.value, **along})
+        return display.label({self.key: point.value, **along})
 
     @property
     def heading(self) -> str:
@@ -95,24 +97,24 @@ class Against:
     @property
     def words(self) -> bool:
         """True if the values of the key are words."""
-        return any(isinstance(place.value, str) for line in self.lines for place in line.places)
+        return any(isinstance(point.value, str) for line in self.lines for point in line.points)
 
     @property
     def values(self) -> tuple[Value, ...]:
         """All values of the key: numbers ascending, words as the study lists them."""
-        return _ordered([place for line in self.lines for place in line.places], self.words)
+        return _ordered([point for line in self.lines for point in line.points], self.words)
 
 
 def against(
-    points: Sequence[PointResult], quantity: str = FLOW_RATE, over: Mapping[str, Value] | None = None
+    points: Sequence[PointResult], quantity: str = FLOW_RATE, references: Mapping[str, Value] | None = None
 ) -> tuple[Against, ...]:
     """One Against for every swept key but the orifice that takes two values or more, in the study's order.
 
-    Ratios are to the value in `over` of each key; without one to the value that the study lists first. A line that has
-    no such point, or none with the quantity, is compared with the first of its points that has it.
+    Ratios are to the value in `references` of each key; without one to the value that the study lists first. A line
+    that has no such point, or none with the quantity, is compared with the first of its points that has it.
     """
     keys = dict.fromkeys(name for result in points for name in result.at if name != ORIFICE)
-    comparisons = (_of_key(key, points, quantity, (over or {}).get(key)) for key in keys)
+    comparisons = (_of_key(key, points, quantity, (references or {}).get(key)) for key in keys)
     return tuple(comparison for comparison in comparisons if len(comparison.values) > 1)
 
 
@@ -120,72 +122,72 @@ def rows(comparisons: Sequence[Against]) -> Iterator[dict[str, Any]]:
     """Every ratio as a row of plain values, in SI: what a data frame is made of."""
     for comparison in comparisons:
         for line in comparison.lines:
-            for place in line.places:
-                if place.ratio is None or line.first is None:
+            for point in line.points:
+                if point.ratio is None or line.first is None:
                     continue
-                numbers = {name: getattr(place.ratio, name) for name in ("value", "error", "low", "high", "confidence")}
-                head = {"point": place.result.point.index + 1, **place.result.point.at, "key": comparison.key}
+                numbers = {name: getattr(point.ratio, name) for name in ("value", "error", "low", "high", "confidence")}
+                head = {"point": point.result.point.index + 1, **point.result.point.at, "key": comparison.key}
                 ratio = {
                     "quantity": comparison.quantity,
                     "over": line.first.value,
                     "ratio": numbers.pop("value"),
                     **numbers,
                 }
-                yield {**head, **ratio, "pairs": place.pairs}
+                yield {**head, **ratio, "pairs": point.pairs}
 
 
-def _of_key(key: str, points: Sequence[PointResult], quantity: str, over: Value | None) -> Against:
+def _of_key(key: str, points: Sequence[PointResult], quantity: str, reference: Value | None) -> Against:
     valued = [(result, result.at.get(key, result.point.value(key))) for result in points]
-    places = [RatioPoint(result, value) for result, value in valued if value is not None]
+    ratio_points = [RatioPoint(result, value) for result, value in valued if value is not None]
     unset = tuple(result for result, value in valued if value is None)
     other_keys = [name for name in dict.fromkeys(name for result in points for name in result.at) if name != key]
     along: tuple[str, ...] = ()
-    groups = _groups(places, other_keys)
-    if all(len({place.value for place in group}) < 2 for group in groups.values()):  # nothing varies alone
-        along = tuple(name for name in other_keys if _follows(name, places))
-        groups = _groups(places, [name for name in other_keys if name not in along])
-    if any(len({place.value for place in group}) > 1 for group in groups.values()):  # one value says nothing of the key
-        groups = {at: group for at, group in groups.items() if len({place.value for place in group}) > 1}
-    words = any(isinstance(place.value, str) for place in places)
-    start = over if over is not None else places[0].value if places else None
+    groups = _groups(ratio_points, other_keys)
+    if all(len({point.value for point in group}) < 2 for group in groups.values()):  # nothing varies alone
+        along = tuple(name for name in other_keys if _follows(name, ratio_points))
+        groups = _groups(ratio_points, [name for name in other_keys if name not in along])
+    if any(len({point.value for point in group}) > 1 for group in groups.values()):  # one value says nothing of the key
+        groups = {at: group for at, group in groups.items() if len({point.value for point in group}) > 1}
+    words = any(isinstance(point.value, str) for point in ratio_points)
+    start = reference if reference is not None else ratio_points[0].value if ratio_points else None
     lines = tuple(_line(dict(at), group, quantity, start, words) for at, group in groups.items())
     return Against(key, quantity, lines, (*along, *followers(points, key)), unset)
 
 
 def _groups(
-    places: Sequence[RatioPoint], other_keys: Sequence[str]
+    points: Sequence[RatioPoint], other_keys: Sequence[str]
 ) -> dict[tuple[tuple[str, Value], ...], list[RatioPoint]]:
     groups: dict[tuple[tuple[str, Value], ...], list[RatioPoint]] = {}
-    for place in places:
-        at = place.result.at
-        groups.setdefault(tuple((name, at[name]) for name in other_keys if name in at), []).append(place)
+    for point in points:
+        at = point.result.at
+        groups.setdefault(tuple((name, at[name]) for name in other_keys if name in at), []).append(point)
     return groups
 
 
-def _follows(name: str, places: Sequence[RatioPoint]) -> bool:
+def _follows(name: str, points: Sequence[RatioPoint]) -> bool:
     """True if each value of the compared key goes with one value of the key `name`."""
     values: dict[Value, set[Value | None]] = {}
-    for place in places:
-        values.setdefault(place.value, set()).add(place.result.at.get(name))
+    for point in points:
+        values.setdefault(point.value, set()).add(point.result.at.get(name))
     return all(len(known) == 1 for known in values.values())
 
 
 def _line(
     at: Mapping[str, Value], group: Sequence[RatioPoint], quantity: str, start: Value | None, words: bool
 ) -> Line:
-    able = [place for place in group if place.result.pooled.get(quantity) is not None]
-    first = next((place for place in able if place.value == start), able[0] if able else None)
+    able = [point for point in group if point.result.pooled.get(quantity) is not None]
+    first = next((point for point in able if point.value == start), able[0] if able else None)
     if first is not None and first.result.pooled[quantity].value == 0:
         first = None  # nothing can be divided by it
     order = _ordered(group, words)
-    ranked = sorted(group, key=lambda place: order.index(place.value))
-    return Line(at, tuple(place if place is first else _over(place, first, quantity) for place in ranked), first)
+    ranked = sorted(group, key=lambda point: order.index(point.value))
+    return Line(at, tuple(point if point is first else _relative_to(point, first, quantity) for point in ranked), first)
 
 
-def _over(place: RatioPoint, first: RatioPoint | None, quantity: str) -> RatioPoint:
-    if first is None or place.result.pooled.get(quantity) is None:
-        return place
-    return RatioPoint(place.result, place.value, *ratio_of(place.result, first.result, quantity))
+def _relative_to(point: RatioPoint, first: RatioPoint | None, quantity: str) -> RatioPoint:
+    if first is None or point.result.pooled.get(quantity) is None:
+        return point
+    return RatioPoint(point.result, point.value, *ratio_of(point.result, first.result, quantity))
 
 
 def ratio_of(result: PointResult, first: PointResult, quantity: str) -> tuple[Pooled, int]:
@@ -207,8 +209,8 @@ def _shared(first: PointResult, second: PointResult, seeds: Sequence[int]) -> li
     return [seed for seed in seeds if packings[0][seed] == packings[1][seed]]
 
 
-def _ordered(places: Sequence[RatioPoint], words: bool) -> tuple[Value, ...]:
-    distinct = dict.fromkeys(place.value for place in sorted(places, key=lambda place: place.result.point.index))
+def _ordered(points: Sequence[RatioPoint], words: bool) -> tuple[Value, ...]:
+    distinct = dict.fromkeys(point.value for point in sorted(points, key=lambda point: point.result.point.index))
     if words:
         return tuple(distinct)
     return tuple(sorted(distinct, key=lambda value: value if isinstance(value, float | int) else math.inf))

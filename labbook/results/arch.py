@@ -10,6 +10,7 @@ from labbook.measure.arch import FORCE, SIZE, Arch, StoppedBed
 from labbook.measure.clogging import width_ratio
 from labbook.results.points import PointResult, RunResult
 from labbook.stats import Pooled
+from labbook.warning import RenamedAttribute
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,9 +24,10 @@ class PointArches:
 
     result: PointResult
     runs: tuple[RunResult, ...]
+    width = RenamedAttribute("width_ratio")
 
     @property
-    def width(self) -> float:
+    def width_ratio(self) -> float:
         """D/d, with the diameter of spheres of the grains' volume."""
         return width_ratio(self.result.point.scene)
 
@@ -60,4 +62,4 @@ def arches(results: Sequence[PointResult]) -> list[PointArches]:
         runs = tuple(run for run in runs if "size" in run.evaluation(Arch()).arrays)
         if runs and SIZE in result.pooled:
             points.append(PointArches(result, runs))
-    return sorted(points, key=lambda point: point.width)
+    return sorted(points, key=lambda point: point.width_ratio)

@@ -7,7 +7,7 @@ from labbook.lab.folder import LabFolder
 from labbook.lab.records import Unreadable
 from labbook.plan.beds import filling_cost
 from labbook.plan.demand import stopping_rule
-from labbook.results.points import FLOW_RATE, PointResult, counted
+from labbook.results.points import FLOW_RATE, PointResult, values_by_run
 from labbook.results.study import StudyResults
 from labbook.stats.nested import by_bed, shares
 from labbook.study.schema import AUTO
@@ -21,7 +21,7 @@ def shares_in_words(results: StudyResults) -> dict[str, list[str]]:
     sharing = Counter(result.runs[0].packing_key for result in results.points)
     lines: dict[str, list[str]] = {}
     for result in results.points:
-        beds = by_bed((run.seed, value) for run, value in counted(result, FLOW_RATE))
+        beds = by_bed((run.seed, value) for run, value in values_by_run(result, FLOW_RATE))
         if len(beds) > 1 and (line := _in_words(results, result, beds, sharing[result.runs[0].packing_key])):
             lines.setdefault(line, []).append(result.label)
     return lines

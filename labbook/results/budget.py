@@ -14,6 +14,7 @@ from labbook.results.starts import window_share
 from labbook.results.study import StudyResults
 from labbook.scene.quantities import percent
 from labbook.stats import Pooled
+from labbook.warning import RenamedAttribute
 
 Source = Literal["seeds", "numerics", "window", "filling", "bed"]
 SOURCES: dict[Source, str] = {
@@ -33,15 +34,16 @@ class Share:
 
     Args:
         source: Source of the error.
-        part: Half-width or largest difference, relative to the number; None if it is unknown.
+        relative: Half-width or largest difference, relative to the number; None if it is unknown.
         basis: Measurement that the part rests on, or the reason that there is none, in words.
         beside: Measured number that tables print beside the part.
     """
 
     source: Source
-    part: float | None
+    relative: float | None
     basis: str
     beside: str = ""
+    part = RenamedAttribute("relative")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +65,12 @@ class Budget:
     @property
     def total(self) -> float:
         """Sum of all parts that are known: a bias does not average out, so that parts are added as they are."""
-        return math.fsum(share.part for share in self.shares if share.part is not None)
+        return math.fsum(share.relative for share in self.shares if share.relative is not None)
 
     @property
     def unmeasured(self) -> tuple[Source, ...]:
         """Sources whose part is unknown."""
-        return tuple(share.source for share in self.shares if share.part is None)
+        return tuple(share.source for share in self.shares if share.relative is None)
 
     @property
     def name(self) -> str:
@@ -83,7 +85,9 @@ class Budget:
         These are half-widths and largest differences, no standard errors.
         """
         notation = display.quantity(self.quantity)
-        bounds = [(share.source, abs(self.value) * share.part) for share in self.shares if share.part is not None]
+        bounds = [
+            (share.source, abs(self.value) * share.relative) for share in self.shares if share.relative is not None
+        ]
         finest = min((error for _, error in bounds if error > 0 and math.isfinite(error)), default=math.nan)
         parts = [
             f"± {display.number(error, finest, notation.scale)} ({source}{', 95 %' if source == 'seeds' else ''})"
@@ -142,10 +146,10 @@ def _seeds(pooled: Pooled) -> Share:
 
 
 def _fitted(parameter: Parameter) -> Share:
-    part = (parameter.high - parameter.low) / 2 / abs(parameter.value) if parameter.value else math.nan
-    if not math.isfinite(part):
+    relative = (parameter.high - parameter.low) / 2 / abs(parameter.value) if parameter.value else math.nan
+    if not math.isfinite(relative):
         return Share("seeds", None, "the fit gives no interval")
-    return Share("seeds", part, "95 % interval of the fit")
+    return Share("seeds", relative, "95 % interval of the fit")
 
 
 Values = Sequence[tuple[Mapping[str, float | str], float]]
@@ -157,7 +161,7 @@ def _numerics(result: PointResult, values: Values, calibration: Calibration | No
     flow = result.flow_rate
     assert flow is not None
     swept = _swept("numerics", result.at, flow.value, values)
-    if swept.part is not None:
+    if swept.relative is not None:
         return swept
     point = result.point
     try:
@@ -196,8 +200,8 @@ def _swept(source: Source, at: Mapping[str, float | str], value: float, values: 
     alike = [other for there, other in values if there is not at and _without(there, source) == fixed]
     if not alike or not value:
         return Share(source, None, NOT_MEASURED)
-    part = max(abs(other / value - 1) for other in alike)
-    return Share(source, part, f"largest difference to {len(alike)} other settings of this study")
+    relative = max(abs(other / value - 1) for other in alike)
+    return Share(source, relative, f"largest difference to {len(alike)} other settings of this study")
 
 
 def _without(at: Mapping[str, float | str], source: Source) -> dict[str, float | str]:
@@ -212,14 +216,18 @@ def summed_up(budget_list: Sequence[Budget], quantity: str = FLOW_RATE) -> str:
     parts = []
     for source in SOURCES:
         of_source = [
-            (share.part, budget) for budget in budget_list for share in budget.shares if share.source == source
+            (share.relative, budget) for budget in budget_list for share in budget.shares if share.source == source
         ]
         largest = max(
-            ((part, budget) for part, budget in of_source if part is not None), key=lambda pair: pair[0], default=None
+            ((relative, budget) for relative, budget in of_source if relative is not None),
+            key=lambda pair: pair[0],
+            default=None,
         )
         if largest is not None:
-            part, of = largest[0], largest[1].of.label
-            parts.append(f"{source} up to {percent(part, '.2g')} ({of})" if part else f"{source} 0 % everywhere")
+            relative, of = largest[0], largest[1].of.label
+            parts.append(
+                f"{source} up to {percent(relative, '.2g')} ({of})" if relative else f"{source} 0 % everywhere"
+            )
     lacking = [source for source in SOURCES if any(s.source == source for budget in budget_list for s in budget.shares)]
     lacking = [source for source in lacking if all(source in budget.unmeasured for budget in budget_list)]
     text = "; ".join([*parts, *([f"{NOT_MEASURED}: {', '.join(lacking)}"] if lacking else [])])

@@ -109,11 +109,14 @@ class CalibrationResults:
         if self.lacking:
             return
         ridge = self.inference.ridge
-        if len(ridge.parts) > 1:
-            parts = ", ".join(f"{display.key(key).name} {part:+.2f}" for key, part in ridge.parts.items())
+        if len(ridge.components) > 1:
+            parts = ", ".join(
+                f"{display.key(key).name} {component:+.2f}" for key, component in ridge.components.items()
+            )
             yield f"Ridge: {parts} (of the prior ranges); {percent(ridge.remaining)} of the prior remains along it"
         best = self.experiments[0]
-        yield f"Next experiment: {self.place(best)} to {percent(best.error)}, volume of the posterior / {best.gain:.2g}"
+        share = f"volume of the posterior / {best.gain:.2g}"
+        yield f"Next experiment: {self.quantity_label(best)} to {percent(best.error)}, {share}"
         for entry in self.predictions:
             yield self._predicted(entry)
         clogged = sum(trial.outcome == "clogged" for trial in self.inference.trials)
@@ -127,7 +130,7 @@ class CalibrationResults:
         low, median, high = (display.number(x, error, unit.scale) for x in (entry.low, entry.median, entry.high))
         return f"{unit.name} = {median} {unit.unit}".rstrip() + f" (95 %: {low} to {high})"
 
-    def place(self, entry: Experiment | Prediction | Agreement) -> str:
+    def quantity_label(self, entry: Experiment | Prediction | Agreement) -> str:
         """A quantity with its conditions."""
         at = display.label(entry.at)
         return f"{display.quantity(entry.quantity).name}{f' at {at}' if at else ''}"
@@ -141,7 +144,7 @@ class CalibrationResults:
 
     def _predicted(self, entry: Prediction) -> str:
         unit = display.quantity(entry.quantity)
-        line = f"Prediction: {self.place(entry)} = {self.amount(entry.quantity, entry.interval)}"
+        line = f"Prediction: {self.quantity_label(entry)} = {self.amount(entry.quantity, entry.interval)}"
         if entry.measured is None:
             return line
         measured = f"{display.with_error(entry.measured, entry.error or math.nan, unit.scale)} {unit.unit}".rstrip()
@@ -162,7 +165,7 @@ class CalibrationResults:
             below[leaf] = _number(text)
         lines = [f"# Material card of the study {self.study}: medians of a calibration, with 95 % intervals"]
         lines += [f"# {self.interval(key, entry)}" for key, entry in self.parameters.items()]
-        lines += [f"# measured: {self.place(entry)}" for entry in self.agreements]
+        lines += [f"# measured: {self.quantity_label(entry)}" for entry in self.agreements]
         return "\n".join(lines) + "\n" + as_yaml(card)
 
     def _belongs(self, section: str) -> bool:
@@ -189,7 +192,7 @@ class CalibrationResults:
             "emulator_share": inference.share,
             "parameters": parameters,
             "correlation": (inference.posterior.covariance / correlation).tolist(),
-            "ridge": {"parts": dict(inference.ridge.parts), "remaining": inference.ridge.remaining},
+            "ridge": {"parts": dict(inference.ridge.components), "remaining": inference.ridge.remaining},
             "sobol_indices": indices,
             "next": [{**vars(entry), "at": dict(entry.at)} for entry in self.experiments[:5]],
             "measured": [

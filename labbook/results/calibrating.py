@@ -11,7 +11,7 @@ import numpy as np
 from labbook.accuracy.calibration import Effects
 from labbook.accuracy.groups import Groups, groups
 from labbook.accuracy.regression import Observation, Slopes, curved, regress
-from labbook.results.points import FLOW_RATE, PointResult, by_seed, counted
+from labbook.results.points import FLOW_RATE, PointResult, by_seed, values_by_run
 from labbook.scene.quantities import percent
 from labbook.study import Point
 
@@ -116,9 +116,9 @@ def calibrate(name: str, points: Sequence[PointResult]) -> tuple[Calibrated, ...
         raise NotCalibrated("no run is finished")
     scenes: dict[str, list[PointResult]] = defaultdict(list)
     for result in points:
-        scenes[_place(result)].append(result)
+        scenes[_scene_key(result)].append(result)
     makers = sorted({f"{run.backend} version {run.cache_version}" for point in points for run in point.runs})
-    runs = sum(len(counted(point, FLOW_RATE)) for point in points)
+    runs = sum(len(values_by_run(point, FLOW_RATE)) for point in points)
     source = f"{name}, {runs} runs on {', '.join(makers)}, {datetime.now(UTC):%Y-%m-%d}"
     calibrated, reasons = [], []
     for some in scenes.values():
@@ -187,7 +187,7 @@ def flow_and_filling(point: Point) -> tuple[Groups, Groups]:
     return flow, filled
 
 
-def _place(point: PointResult) -> str:
+def _scene_key(point: PointResult) -> str:
     """Swept values other than numerics, as a text that is equal for the points of one scene."""
     return repr(
         [(key, value) for key, value in point.at.items() if not key.startswith(("numerics.", "fill.numerics."))]
@@ -195,7 +195,7 @@ def _place(point: PointResult) -> str:
 
 
 def _observed(point: PointResult, flow: Groups, filled: Groups) -> list[Observation]:
-    rates, mixed = counted(point, FLOW_RATE), are_mixed(point.point)
+    rates, mixed = values_by_run(point, FLOW_RATE), are_mixed(point.point)
     return [Observation(run.packing_key, filled.overlap, flow.overlap, flow.step, rate, *mixed) for run, rate in rates]
 
 

@@ -32,6 +32,7 @@ from labbook.stats.survival import (
     rank_correlation,
     tail_goodness,
 )
+from labbook.warning import RenamedAttribute
 
 CORRELATED = 0.1
 """Rank correlation within packings above which discharges of one packing are no repeats."""
@@ -51,11 +52,13 @@ class PointClogging:
 
     result: PointResult
     runs: tuple[tuple[RunResult, Avalanches], ...]
+    width = RenamedAttribute("width_ratio")
+    place = RenamedAttribute("outlet_index")
 
     @property
-    def place(self) -> int | None:
+    def outlet_index(self) -> int | None:
         """Index of one of several outlets; None of a point with one."""
-        return self.result.place if isinstance(self.result, OutletResult) else None
+        return self.result.outlet_index if isinstance(self.result, OutletResult) else None
 
     @property
     def suffix(self) -> str:
@@ -63,9 +66,9 @@ class PointClogging:
         return outlet_suffix(self.result.outlet) if isinstance(self.result, OutletResult) else ""
 
     @property
-    def width(self) -> float:
+    def width_ratio(self) -> float:
         """D/d, with the diameter of spheres of the grains' volume."""
-        return width_ratio(self.result.point.scene, self.place or 0)
+        return width_ratio(self.result.point.scene, self.outlet_index or 0)
 
     @property
     def probability(self) -> PooledRate | None:
@@ -90,9 +93,9 @@ class PointClogging:
     def sizes(self) -> tuple[np.ndarray, np.ndarray]:
         """Grains of every avalanche beyond its transient, and whether a stop ended it; without those that ended within
         the transient."""
-        counted = np.concatenate([own.counted for _, own in self.runs])
+        sizes = np.concatenate([own.counted for _, own in self.runs])
         stopped = np.concatenate([own.stopped for _, own in self.runs])
-        return counted[counted > 0], stopped[counted > 0]
+        return sizes[sizes > 0], stopped[sizes > 0]
 
     @property
     def within_transient(self) -> int:
@@ -134,7 +137,7 @@ class PointClogging:
     def times(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Times between grains [s] of an agitated silo, and if a grain ended each; None of others, and of one of
         several outlets."""
-        if self.place is not None:
+        if self.outlet_index is not None:
             return None
         of_runs = [waits for run, _ in self.runs if (waits := run.waits) is not None]
         if not of_runs:
@@ -174,7 +177,7 @@ class PointClogging:
         silos, the tail of the times between grains."""
         q, (low, high), flowing = self.probability, self.over_beds, self.flowing
         row: Row = {"outlet": self.result.outlet.name} if isinstance(self.result, OutletResult) else {}
-        row |= {"width_ratio": self.width, "stops": q.events if q else 0, "grains": q.exposure if q else 0.0}
+        row |= {"width_ratio": self.width_ratio, "stops": q.events if q else 0, "grains": q.exposure if q else 0.0}
         if q is not None:
             row |= {"probability": q.value, "low": q.low, "high": q.high, "low_over_beds": low, "high_over_beds": high}
         row["hazard_p"] = self.hazard.p if self.hazard is not None else math.nan
@@ -278,8 +281,8 @@ class SeriesClogging:
 
 def clogging_of(result: PointResult) -> PointClogging | None:
     """Clogging at a point, or at one of several outlets of it; None where it was not measured, or no run counts."""
-    place = result.place if isinstance(result, OutletResult) else None
-    runs = tuple((run, own) for run in result.runs if (own := run.avalanches_of(place)) is not None)
+    outlet_index = result.outlet_index if isinstance(result, OutletResult) else None
+    runs = tuple((run, own) for run in result.runs if (own := run.avalanches_of(outlet_index)) is not None)
     return PointClogging(result, runs) if runs else None
 
 
@@ -296,11 +299,11 @@ def clogging(results: StudyResults) -> tuple[SeriesClogging, ...]:
 
 
 def _fits(points: Sequence[PointClogging]) -> tuple[tuple[AvalancheFit, ...], tuple[str, ...]]:
-    counts = [(result.width, q.events, q.exposure) for result in points if (q := result.probability) is not None]
+    counts = [(result.width_ratio, q.events, q.exposure) for result in points if (q := result.probability) is not None]
     if len({width for width, *_ in counts}) < 2:
         return (), ()
     widths, stops, grains = (list(column) for column in zip(*counts, strict=True))
-    fits, problems, of = [], [], dimension(points[0].result.point.scene, points[0].place or 0)
+    fits, problems, of = [], [], dimension(points[0].result.point.scene, points[0].outlet_index or 0)
     for law in AVALANCHE_LAWS:
         try:
             fits.append(fit_avalanches(law, widths, stops, grains, of))

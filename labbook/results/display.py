@@ -118,11 +118,11 @@ def law(name: str) -> str:
     return name.replace("_", " ").capitalize()
 
 
-def percentage(part: float) -> str:
+def percentage(fraction: float) -> str:
     """`±2.4 %` of a relative half-width, to two digits; `unknown` where it has no end."""
-    if not math.isfinite(part):
+    if not math.isfinite(fraction):
         return "unknown"
-    return f"±{percent(part, '.2g' if part < 0.995 else '.0f')}"
+    return f"±{percent(fraction, '.2g' if fraction < 0.995 else '.0f')}"
 
 
 def amount(name: str, value: float | str) -> str:

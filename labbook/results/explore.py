@@ -231,11 +231,11 @@ class DesignSurface:
             return self.curve.inverse(target)
         key = key_named(over, self.keys)
         number = parse(target, self.unit) if isinstance(target, str) else float(target)
-        place = self.keys.index(key)
-        values = self._design({**(at or {}), key: self.factors[place].low})
+        index = self.keys.index(key)
+        values = self._design({**(at or {}), key: self.factors[index].low})
         fixed = self.scaled(values[None])[0]
-        ends = self.fit.line(place, fixed)
-        unit, factor = display.quantity(self.quantity, self.unit), self.factors[place]
+        ends = self.fit.line(index, fixed)
+        unit, factor = display.quantity(self.quantity, self.unit), self.factors[index]
         wish = f"{self.quantity} = {display.number(number, None, unit.scale)} {unit.unit}".rstrip()
         fixed_values = {k: v for k, v in zip(self.keys, values, strict=True) if k != key}
         where = f" at {display.label(fixed_values)}" if fixed_values else ""
@@ -244,7 +244,7 @@ class DesignSurface:
 
         def along(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             line = np.repeat(fixed[None], len(u), axis=0)
-            line[:, place] = u
+            line[:, index] = u
             return self.band(line)
 
         try:
@@ -267,14 +267,14 @@ class DesignSurface:
             trends[self.trend_of] = legendre(lambda u: trend(factor.value(u)), _TREND)
         shares = np.array(self.fit.shares(trends)).T
         rows = []
-        for place, factor in enumerate(self.factors):
-            change, half = self.fit.change(place)
-            if self.trend is not None and place == self.trend_of:
+        for index, factor in enumerate(self.factors):
+            change, half = self.fit.change(index)
+            if self.trend is not None and index == self.trend_of:
                 ends = self.trend(np.array([factor.low, factor.high]))
                 change += float(ends[1] - ends[0])
             values = np.array([change, change - half, change + half])
             values = np.expm1(values) if self.logarithmic else values
-            rows.append(Influence(factor.key, *shares[place].tolist(), *values.tolist()))
+            rows.append(Influence(factor.key, *shares[index].tolist(), *values.tolist()))
         together = [Influence("", *shares[-1].tolist(), *[math.nan] * 3)] if len(self.factors) > 1 else []
         return tuple(rows + together)
 
@@ -299,7 +299,7 @@ class DesignSurface:
         are the points, and designs halfway between swept values. Clogged points are left out.
         """
         beds_at = self._beds()
-        excluded = {self._place(result) for result in self.left_out if all(key in result.at for key in self.keys)}
+        excluded = {self._position(result) for result in self.left_out if all(key in result.at for key in self.keys)}
         designs = np.array([candidate for candidate in self._candidates() if tuple(candidate.round(9)) not in excluded])
         before = np.array([beds_at.get(tuple(design.round(9)), (0, None))[0] for design in designs])
         seconds = self._seconds(designs)
@@ -371,7 +371,7 @@ class DesignSurface:
 
     def scaled(self, values: np.ndarray) -> np.ndarray:
         """Scale m designs [SI], shape [m, k]."""
-        return np.stack([factor.scaled(values[:, place]) for place, factor in enumerate(self.factors)], axis=1)
+        return np.stack([factor.scaled(values[:, index]) for index, factor in enumerate(self.factors)], axis=1)
 
     def band(self, scaled: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Compute the polynomial surface [SI] at m scaled designs, and the ends of its 95 % interval."""
@@ -390,20 +390,20 @@ class DesignSurface:
     def _label(self, values: np.ndarray) -> str:
         return display.label(dict(zip(self.keys, values.tolist(), strict=True)))
 
-    def _place(self, point: PointResult) -> tuple[float, ...]:
+    def _position(self, point: PointResult) -> tuple[float, ...]:
         values = np.array([[float(point.at[key]) for key in self.keys]])
         return tuple(self.scaled(values)[0].round(9))
 
     def _beds(self) -> dict[tuple[float, ...], tuple[int, PointResult]]:
         """Number of beds of each point, by its scaled place."""
-        return {self._place(result): (len(by_seed(result, self.quantity)), result) for result in self.points}
+        return {self._position(result): (len(by_seed(result, self.quantity)), result) for result in self.points}
 
     def _candidates(self) -> np.ndarray:
         """Designs within the hull: swept values and those halfway between; of many keys fewer of these."""
-        places = [np.unique(column) for column in np.array([*self._beds()]).T]
-        finer = [np.unique([*column, *(column[1:] + column[:-1]) / 2]) for column in places]
-        for place in range(len(places)):
-            several = [*finer[: len(places) - place], *places[len(places) - place :]]
+        positions = [np.unique(column) for column in np.array([*self._beds()]).T]
+        finer = [np.unique([*column, *(column[1:] + column[:-1]) / 2]) for column in positions]
+        for index in range(len(positions)):
+            several = [*finer[: len(positions) - index], *positions[len(positions) - index :]]
             if math.prod(map(len, several)) <= _CANDIDATES:
                 grid = np.array(list(product(*several)))
                 return grid[self.fit.inside(grid)]
@@ -415,11 +415,11 @@ class DesignSurface:
 
     def _seconds(self, designs: np.ndarray) -> np.ndarray:
         """Device time [s] of a bed at each design: of stored runs, log-linear in the scaled keys."""
-        costs = [(self._place(result), run.cost) for result in self.points for run in result.runs if run.cost > 0]
+        costs = [(self._position(result), run.cost) for result in self.points for run in result.runs if run.cost > 0]
         if not costs:
             return np.full(len(designs), math.nan)
-        places, seconds = (np.array(column) for column in zip(*costs, strict=True))
-        terms = np.column_stack([np.ones(len(places)), places])
+        positions, seconds = (np.array(column) for column in zip(*costs, strict=True))
+        terms = np.column_stack([np.ones(len(positions)), positions])
         plane = np.linalg.lstsq(terms, np.log(seconds), rcond=None)[0]
         return np.exp(np.column_stack([np.ones(len(designs)), designs]) @ plane) * self._runs_per_bed
 
@@ -463,18 +463,18 @@ def explore(results: StudyResults, quantity: str = FLOW_RATE, at: Mapping[str, A
     values = np.array([[float(result.at[key]) for key in keys] for result, _, _ in runs])
     y, seeds = np.array([value for _, value, _ in runs]), [seed for _, _, seed in runs]
     logarithmic = bool((y > 0).all())
-    trends = [(place, trend) for place, factor in enumerate(factors) if logarithmic
+    trends = [(index, trend) for index, factor in enumerate(factors) if logarithmic
               and (trend := _trend(quantity, factor, usable)) is not None]  # fmt: skip
-    place, trend = trends[0] if trends else (-1, None)
+    index, trend = trends[0] if trends else (-1, None)
     y = np.log(y) if logarithmic else y
     try:
         u = np.stack([factor.scaled(values[:, k]) for k, factor in enumerate(factors)], axis=1)
-        fit = Polynomial.of(u, y - trend(values[:, place]) if trend is not None else y, seeds)
+        fit = Polynomial.of(u, y - trend(values[:, index]) if trend is not None else y, seeds)
     except ValueError as problem:
         raise NoSurface(f"{quantity}: {problem}{_because(notes)}") from None
     curve = surface(results, quantity, keys[0], fixed) if len(keys) == 1 else None
     return DesignSurface(results, quantity, unit, fixed, factors, tuple(usable), left_out, notes, curve, logarithmic,
-                         trend, place, fit)  # fmt: skip
+                         trend, index, fit)  # fmt: skip
 
 
 def inverse(

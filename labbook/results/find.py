@@ -54,8 +54,8 @@ def results_of(
             unreadable.append(why)
             continue
         unmeasured += numbers.failed.get(key, {}).values()
-        counted = counts(run.entry.outcome, run.entry.suspect, study.accuracy.count_suspect)
-        of_run = RunResult(run, numbers.measured.get(key, {}), study.measure, study.window, counted)
+        included = counts(run.entry.outcome, run.entry.suspect, study.accuracy.count_suspect)
+        of_run = RunResult(run, numbers.measured.get(key, {}), study.measure, study.window, included)
         by_point.setdefault(run.point.index, []).append(of_run)
     read = [point for point in study.points if by_point.get(point.index)]
     extra = redundant(study.points)

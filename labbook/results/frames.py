@@ -308,7 +308,7 @@ def _budget(results: StudyResults) -> Iterator[Row]:
     for budget in budgets(results):
         for share in budget.shares:
             where = of_point(budget.of) if isinstance(budget.of, PointResult) else _of_series(budget.of)
-            numbers = {"source": share.source, "part": share.part, "basis": share.basis}
+            numbers = {"source": share.source, "part": share.relative, "basis": share.basis}
             yield {**where, "quantity": budget.quantity, **numbers}
 
 

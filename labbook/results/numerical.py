@@ -91,7 +91,7 @@ def _against(key: str, first: PointResult, second: PointResult, margin: float | 
     mean = math.fsum(a) / len(a) if a else 0.0
     if min(len(a), len(b)) < 2 or not mean > 0:
         return Numerical(key, first, second, margin, None, "at least two replicates of each that flowed are needed")
-    test = tost(a, b, (margin or 1.0) * mean, paired=paired).over(mean)
+    test = tost(a, b, (margin or 1.0) * mean, paired=paired).relative_to(mean)
     return Numerical(key, first, second, margin, test, paired=paired)
 
 

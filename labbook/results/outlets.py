@@ -9,6 +9,7 @@ from labbook.measure.outlets import OutletRates
 from labbook.results.points import FLOW_RATE, PointResult
 from labbook.scene import Outlet
 from labbook.stats import Pooled
+from labbook.warning import RenamedAttribute
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,16 +18,17 @@ class OutletResult(PointResult):
 
     Args:
         whole: The point.
-        place: Index of the outlet in its container.
+        outlet_index: Index of the outlet in its container.
     """
 
     whole: PointResult | None = None
-    place: int = 0
+    outlet_index: int = 0
+    place = RenamedAttribute("outlet_index")
 
     @property
     def outlet(self) -> Outlet:
         """The outlet."""
-        return self.point.scene.container.outlets[self.place]
+        return self.point.scene.container.outlets[self.outlet_index]
 
     @property
     def of_point(self) -> PointResult:
@@ -73,10 +75,10 @@ def by_outlet(points: Sequence[PointResult]) -> tuple[PointResult, ...]:
         Points with one outlet as they are; of others each outlet of a known form, where `outlets` or `clogging` was
         measured.
     """
-    return tuple(part for result in points for part in _parts(result))
+    return tuple(outlet_result for result in points for outlet_result in _outlets_of(result))
 
 
-def _parts(result: PointResult) -> Sequence[PointResult]:
+def _outlets_of(result: PointResult) -> Sequence[PointResult]:
     if isinstance(result, OutletResult):
         return (result,)
     outlets = result.point.scene.container.outlets
@@ -85,7 +87,7 @@ def _parts(result: PointResult) -> Sequence[PointResult]:
         return (result,)
     own = {one.name: getattr(result, one.name) for one in fields(PointResult)}
     return [
-        OutletResult(**own, whole=result, place=place)
-        for place, outlet in enumerate(outlets)
+        OutletResult(**own, whole=result, outlet_index=index)
+        for index, outlet in enumerate(outlets)
         if outlet.form is not None and math.isfinite(outlet.width)
     ]

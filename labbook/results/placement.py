@@ -48,8 +48,8 @@ def placement(ats: Sequence[Mapping[str, Value]], row_keys: int | None = 1) -> P
     for k in rest:
         if column and column not in ats[k]:
             continue
-        place = rows.index(tuple(ats[k].get(name) for name in row)), columns.index(ats[k].get(column))
-        points.setdefault(place, k)
+        cell = rows.index(tuple(ats[k].get(name) for name in row)), columns.index(ats[k].get(column))
+        points.setdefault(cell, k)
     return Placement(column, row, columns, rows, fixed, points)
 
 

@@ -28,6 +28,7 @@ from labbook.stats.pooling import student
 from labbook.stats.rates import PooledRate, rate
 from labbook.stats.trend import MATERIAL
 from labbook.study import Point, Study
+from labbook.warning import RenamedAttribute
 
 FLOW_RATE, DRIFT = "flow_rate", "flow_rate_drift"
 ORIFICE = "container.orifice"
@@ -232,6 +233,7 @@ class PointResult:
     tolerance: float | None
     requested: int
     along: Mapping[str, float | str] = field(default_factory=dict)
+    interval = RenamedAttribute("acceleration_interval")
 
     @property
     def of_point(self) -> "PointResult":
@@ -270,7 +272,7 @@ class PointResult:
         return scales.layer(self.point.scene, self.runs[0].window if self.runs else None)
 
     @property
-    def interval(self) -> float:
+    def acceleration_interval(self) -> float:
         """Time [s] between two velocities whose difference gives an acceleration."""
         return scales.interval(self.point.scene, self.runs[0].window if self.runs else None)
 
@@ -394,7 +396,7 @@ def _no_flow(run: RunResult) -> str:
     return "few" if FLOW_RATE in run.measured else ""
 
 
-def counted(result: PointResult, quantity: str) -> list[tuple[RunResult, float]]:
+def values_by_run(result: PointResult, quantity: str) -> list[tuple[RunResult, float]]:
     """The quantity of every run of a point that counts and has it."""
     there = ((run, run.measured[quantity].value) for run in result.runs if run.counted and quantity in run.measured)
     return [(run, value) for run, value in there if math.isfinite(value)]
@@ -402,7 +404,7 @@ def counted(result: PointResult, quantity: str) -> list[tuple[RunResult, float]]
 
 def by_seed(result: PointResult, quantity: str) -> dict[int, float]:
     """The quantity of every bed of a point that has it, by its seed: the mean over its discharges."""
-    beds = by_bed((run.seed, value) for run, value in counted(result, quantity))
+    beds = by_bed((run.seed, value) for run, value in values_by_run(result, quantity))
     return dict(zip(beds, of_beds(beds), strict=True))
 
 
@@ -420,8 +422,8 @@ def redundant(points: Sequence[Point]) -> frozenset[str]:
     names = list(dict.fromkeys(name for point in points for name in point.at if name != ORIFICE))
     names.sort(key=lambda name: not names_scene(name))
     extra: set[str] = set()
-    for place, name in enumerate(names):
-        for earlier in (other for other in names[:place] if other not in extra):
+    for index, name in enumerate(names):
+        for earlier in (other for other in names[:index] if other not in extra):
             pairs = {(point.at.get(earlier), point.at.get(name)) for point in points}
             if len(pairs) == len({first for first, _ in pairs}) == len({second for _, second in pairs}) > 1:
                 extra.add(name)

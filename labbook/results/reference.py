@@ -230,8 +230,8 @@ def _merged(comparisons: Sequence[Comparison], points: int) -> list[Comparison]:
         first = group[0]
         if len(group) > 1:
             common = {name: value for name, value in first.at.items() if all(c.at.get(name) == value for c in group)}
-            place = f" at {display.label(common)}" if common else ""
-            label = "all points" if len(group) == points else f"{len(group)} points{place}"
+            condition = f" at {display.label(common)}" if common else ""
+            label = "all points" if len(group) == points else f"{len(group)} points{condition}"
             first = replace(first, at=common, label=label, points=tuple(result for c in group for result in c.points))
         merged.append(first)
     return merged

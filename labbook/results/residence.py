@@ -32,7 +32,7 @@ class PooledCurve:
 
     result: PointResult
     age: np.ndarray
-    parts: np.ndarray
+    fractions: np.ndarray
 
 
 def residence_map(result: PointResult) -> PooledMap | None:
@@ -100,9 +100,9 @@ def map_rows(pooled: PooledMap) -> Iterator[dict[str, float]]:
 
 def curve_rows(pooled: PooledCurve) -> Iterator[dict[str, float]]:
     """A row for each age: F, its standard error from seeds, and E up to the next age."""
-    n = len(pooled.parts)
-    mean = pooled.parts.mean(axis=0)
-    error = pooled.parts.std(axis=0, ddof=1) / n**0.5 if n > 1 else np.full(len(mean), np.nan)
+    n = len(pooled.fractions)
+    mean = pooled.fractions.mean(axis=0)
+    error = pooled.fractions.std(axis=0, ddof=1) / n**0.5 if n > 1 else np.full(len(mean), np.nan)
     density = np.append(np.diff(mean) / np.diff(pooled.age), np.nan)
     for values in zip(pooled.age, mean, error, density, strict=True):
         yield dict(zip(("age", "part", "error", "exit_age"), map(float, values), strict=True))

@@ -14,6 +14,7 @@ from labbook.plugins import ExtensionError
 from labbook.results import display
 from labbook.results.outlets import by_outlet
 from labbook.results.points import ORIFICE, PointResult, names_scene
+from labbook.warning import RenamedAttribute
 
 PACKING_FRACTION = "packing_fraction"
 UNDECIDED = "undecided"
@@ -83,6 +84,7 @@ class Series:
     """Fits of papers beside the laws of the flow rate, by name, if the study requests them."""
     of_one_form: bool = False
     """True if the points have outlets of both forms, and this series has those of one."""
+    diameters = RenamedAttribute("orifices")
 
     def parameters(self, name: str) -> Mapping[str, Parameter]:
         """Fitted parameters of the law or further fit `name`; empty where it was not fitted."""
@@ -121,7 +123,7 @@ class Series:
         return tuple(dict.fromkeys(result.of_point for result in self.points))
 
     @property
-    def diameters(self) -> list[float]:
+    def orifices(self) -> list[float]:
         """Orifices [m]."""
         return [result.orifice for result in self.points]
 

@@ -98,12 +98,12 @@ def _at_starts(results: StudyResults) -> list[AtStart]:
     runs = {point: [(run, moved) for run in point.runs if (moved := _from_starts(run))] for point in results.points}
     windows = next(([start.window for start in moved] for pairs in runs.values() for _, moved in pairs), [])
     starts = []
-    for place, window in enumerate(windows):
+    for index, window in enumerate(windows):
         points = [
-            pooled_point(study, point.point, extra, tuple(_run_from(run, moved[place]) for run, moved in pairs))
+            pooled_point(study, point.point, extra, tuple(_run_from(run, moved[index]) for run, moved in pairs))
             for point, pairs in runs.items()
         ]
-        counting = [(point, moved[place]) for point, pairs in runs.items() for run, moved in pairs if run.counted]
+        counting = [(point, moved[index]) for point, pairs in runs.items() for run, moved in pairs if run.counted]
         fractions = [start.fraction for _, start in counting if math.isfinite(start.fraction)]
         unsteady = Counter(point.point.index for point, start in counting if not start.plateau)
         auto = study.window.auto

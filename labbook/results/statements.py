@@ -97,9 +97,9 @@ def by_statement(judged: Sequence[Judged]) -> list[tuple[Statement, list[Judged]
     return [(statement, list(group)) for statement, group in groupby(judged, lambda result: result.statement)]
 
 
-def at_all(places: Iterable[Judged]) -> Verdict:
+def at_all(judged: Iterable[Judged]) -> Verdict:
     """The verdict on a statement that speaks of several places."""
-    verdicts = {place.verdict for place in places}
+    verdicts = {entry.verdict for entry in judged}
     if "does not hold" in verdicts:
         return "does not hold"
     return "undecided" if "undecided" in verdicts else "holds"

@@ -114,8 +114,8 @@ class ResponseSurface:
         x = np.array([value_of_key(self.key, text, self._like) for text in ([values] if single else values)], float)
         beyond = x[(x < self.low * (1 - 1e-9)) | (x > self.high * (1 + 1e-9))]
         if len(beyond):
-            place = display.setting(self.key, float(beyond[0]))
-            raise NoSurface(f"{place} is outside of the range in which {self.quantity} is known, {self._range}")
+            setting = display.setting(self.key, float(beyond[0]))
+            raise NoSurface(f"{setting} is outside of the range in which {self.quantity} is known, {self._range}")
         return self._basis.band(np.clip(x, self.low, self.high))
 
     def inverse(self, target: str | float) -> DesignValue:
@@ -180,13 +180,13 @@ def surface(
     there = [result for result in results.points if has(result.at, fixed) and key in result.at]
     usable = [result for result in there if result.pooled.get(quantity) is not None and not is_clogged(result)]
     notes = tuple(filter(None, (remark_on(result, quantity, result in usable) for result in there)))
-    places = sorted({float(result.at[key]) for result in usable})
-    if len(places) < 2:
+    values = sorted({float(result.at[key]) for result in usable})
+    if len(values) < 2:
         why = f" ({'; '.join(notes)})" if notes else ""
-        raise NoSurface(f"{quantity} is known at {len(places)} values of {key}, and a surface needs {FEWEST}{why}")
+        raise NoSurface(f"{quantity} is known at {len(values)} values of {key}, and a surface needs {FEWEST}{why}")
     unit = next(run.measured[quantity].unit for run in usable[0].runs if quantity in run.measured)
     law, rejected = _law(results, usable, key, quantity)
-    head = (quantity, key, unit, fixed, places[0], places[-1], tuple(usable))
+    head = (quantity, key, unit, fixed, values[0], values[-1], tuple(usable))
     if law is not None:
         p = "" if math.isnan(law.p_value) else f", lack of fit p = {law.p_value:.2g}"
         method = f"{display.law(law.law.name)} fitted to {len(law.D)} points{p}"
@@ -199,12 +199,12 @@ def surface(
         raise NoSurface(
             f"all values of {quantity} are of one bed, whose scatter is not known; use replicates: 2 or more"
         )
-    trend = trend_of_outlets(quantity, key, usable[0].point.scene, places[0])
+    trend = trend_of_outlets(quantity, key, usable[0].point.scene, values[0])
     try:
         fitted = Interpolation.of(x, y, seeds.tolist(), of_length=is_length(key), trend=trend)
     except ValueError as problem:
         raise NoSurface(f"{quantity} against {key}: {problem}{'; ' if rejected else ''}{rejected}") from None
-    method = f"interpolated between {len(places)} values, with {len(runs)} beds{f' ({rejected})' if rejected else ''}"
+    method = f"interpolated between {len(values)} values, with {len(runs)} beds{f' ({rejected})' if rejected else ''}"
     return ResponseSurface(*head, method, notes, fitted)
 
 

@@ -45,11 +45,11 @@ class PooledProfile:
 
     def rows(self) -> Iterator[Row]:
         """A row for each class of grains and bin."""
-        for place, name in enumerate(self.names):
+        for index, name in enumerate(self.names):
             for k in range(len(self.edges) - 1):
                 columns = {"velocity": self.velocity, "error": self.error, "flux": self.flux}
                 ends = {"from": float(self.edges[k]), "to": float(self.edges[k + 1])}
-                numbers = {key: float(values[place, k]) for key, values in columns.items()}
+                numbers = {key: float(values[index, k]) for key, values in columns.items()}
                 yield {"kind": name, **ends, **numbers, "beds": self.beds}
 
 

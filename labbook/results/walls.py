@@ -96,14 +96,14 @@ class PooledWalls:
         columns: dict[str, np.ndarray] = {}
         for when, area in (("rest", layout.rest_area), ("flow", layout.area)):
             mean, error = (value / area[:, None] for value in self.pooled(when))
-            for place, name in enumerate(("normal", "shear", "across")):
-                columns[f"{name}_{when}"], columns[f"{name}_{when}_error"] = mean[:, place], error[:, place]
+            for index, name in enumerate(("normal", "shear", "across")):
+                columns[f"{name}_{when}"], columns[f"{name}_{when}_error"] = mean[:, index], error[:, index]
             for name in ("contacts", "sliding"):
                 columns[f"{name}_{when}"], _ = self.pooled(f"{when}_{name}")
         for k, number in enumerate(layout.wall):
-            place = {"wall": str(layout.names[number]), "along": str(layout.coordinates[number])}
+            index = {"wall": str(layout.names[number]), "along": str(layout.coordinates[number])}
             ends = {"from": float(layout.low[k]), "to": float(layout.high[k])}
-            yield {**place, **ends, **{name: float(values[k]) for name, values in columns.items()}}
+            yield {**index, **ends, **{name: float(values[k]) for name, values in columns.items()}}
 
     def peak_rows(self) -> Iterator[Row]:
         """A row for each time of the moving mean [s]: peak of the normal force on upright walls after the opening over
@@ -111,10 +111,10 @@ class PooledWalls:
         unit, (_, opening) = gravity_time(self.result.point.scene), self.opening()
         mean, error = self.pooled("peaks")
         of_mean = float(opening.mean(axis=0).max()) if opening.size else math.nan
-        for place, tau in enumerate(FILTERS):
-            if math.isfinite(mean[place]):
+        for index, tau in enumerate(FILTERS):
+            if math.isfinite(mean[index]):
                 peak = of_mean if tau == FILTER else math.nan
-                numbers = {"peak": float(mean[place]), "error": float(error[place]), "peak_of_mean": peak}
+                numbers = {"peak": float(mean[index]), "error": float(error[index]), "peak_of_mean": peak}
                 yield {"filter_time": tau * unit, **numbers, "beds": len(self.beds)}
 
     @cached_property
@@ -191,8 +191,8 @@ class PooledWalls:
         columns = {name: (rows.mean(axis=0), _error(rows)) for name, rows in
                    (("walls", stress.walls), ("field", stress.field))}  # fmt: skip
         for k, z in enumerate(stress.z.tolist()):
-            numbers = {f"{name}{end}": float(values[place][k]) for name, values in columns.items()
-                       for place, end in enumerate(("", "_error"))}  # fmt: skip
+            numbers = {f"{name}{end}": float(values[index][k]) for name, values in columns.items()
+                       for index, end in enumerate(("", "_error"))}  # fmt: skip
             yield {"z": z, **numbers, "beds": len(stress.walls)}
 
     def _without_one(self, when: str) -> list[dict[str, JanssenFit]]:

@@ -182,7 +182,7 @@ class DischargeJob(Job):
         earlier = self._earlier_run()
         if earlier and (not saved or saved.step <= earlier.coverage.steps):
             saved = self._from_folder(earlier) or saved
-        if saved is None or not self._observes_enough(saved.state):
+        if saved is None or not self._has_observations(saved.state):
             if earlier:
                 self._observe_as_before(earlier)
             self.start_over()
@@ -230,26 +230,26 @@ class DischargeJob(Job):
 
     def _earlier_run(self) -> RunRecord | None:
         try:
-            return RunRecord.read(self.place)
+            return RunRecord.read(self.folder)
         except Unreadable as problem:
-            if self.place.exists():
-                self.damaged[self.place] = str(problem)
+            if self.folder.exists():
+                self.damaged[self.folder] = str(problem)
             return None
 
     def _from_folder(self, earlier: RunRecord) -> Saved | None:
         """Save the finished run in the work folder, as at its end; None if its state cannot be read."""
         try:
-            saved, rows = at_its_end(self.place, earlier)
-            self.check(saved, self.place)
+            saved, rows = at_its_end(self.folder, earlier)
+            self.check(saved, self.folder)
         except Unreadable as problem:
-            self.damaged[self.place] = str(problem)
+            self.damaged[self.folder] = str(problem)
             return None
         # from here on a finished run is continued as any saved one
         self.start_over()
         self.journal.save(saved.checkpoint, rows, saved.state, saved.sessions)
         return saved
 
-    def _observes_enough(self, state: Mapping[str, Any]) -> bool:
+    def _has_observations(self, state: Mapping[str, Any]) -> bool:
         film = parse_film(state["film"], self.numerics)
         filmed = self.film is None or (film is not None and film.as_often(self.film))
         return filmed and not unobserved(self.demand.shared.probe_names, state["probes"])
@@ -500,7 +500,7 @@ class DischargeJob(Job):
         return RunOutput(
             self.context.lab,
             self.key,
-            self.place,
+            self.folder,
             self.label,
             record=self._record(verdict),
             status=self.status,
@@ -523,7 +523,7 @@ class DischargeJob(Job):
 
     def _record(self, verdict: str) -> RunRecord:
         """Make the record of the run, without its ledger."""
-        bench, demand, status = self.context, self.demand, self.status
+        context, demand, status = self.context, self.demand, self.status
         coverage = Coverage(
             duration=status.time,
             steps=status.step,
@@ -539,7 +539,7 @@ class DischargeJob(Job):
             restarts=tuple(self._restarts),
             bed_height=self._bed_height if demand.shared.stop.fill_height is not None else None,
         )
-        physics = bench.backend.describe(self.scene, self.numerics)
+        physics = context.backend.describe(self.scene, self.numerics)
         return RunRecord.model_validate(
             {
                 "run_key": self.keys.run,
@@ -547,8 +547,8 @@ class DischargeJob(Job):
                 "scene_key": self.keys.scene,
                 "packing_key": self.keys.packing,
                 "lineage_key": self.keys.lineage,
-                "backend": bench.backend.capabilities.name,
-                "cache_version": bench.backend.capabilities.cache_version,
+                "backend": context.backend.capabilities.name,
+                "cache_version": context.backend.capabilities.cache_version,
                 "study": demand.shared.study.name,
                 "point": demand.point.index,
                 "label": demand.point.label,
@@ -563,7 +563,7 @@ class DischargeJob(Job):
                 "failure": self._failure,
                 "observe": self.observe,
                 "physics": {key: float(value) for key, value in physics.items() if math.isfinite(value)},
-                "device": bench.device,
+                "device": context.device,
                 "finished": now(),
                 "sessions": self.sessions(),
             }
@@ -634,13 +634,13 @@ class RunOutput(JobOutput):
 
     def entry(self) -> LabEntry:
         """Return the index rows of the run, and evaluate its measures."""
-        folder_stamp, record, tables = stamp(self.place), self._full_record, dict(self._tables)
+        folder_stamp, record, tables = stamp(self.folder), self._full_record, dict(self._tables)
         tables |= self._full_record.coverage.restart_table
         recorded = tables.pop(FILM_TABLE, None)
         try:
-            check_tables(self.place, record, self._tables)
+            check_tables(self.folder, record, self._tables)
         except Unreadable as problem:
-            return LabEntry((unreadable_row(self.place, folder_stamp, problem), []))
+            return LabEntry((unreadable_row(self.folder, folder_stamp, problem), []))
         data = RunData(
             scene=record.scene,
             numerics=record.numerics,
@@ -651,11 +651,11 @@ class RunOutput(JobOutput):
             tables=tables,
             recorded=lambda: recorded,
         )
-        return LabEntry(rows_of_run(self.place, folder_stamp, record, data, record.observe))
+        return LabEntry(rows_of_run(self.folder, folder_stamp, record, data, record.observe))
 
     def reread(self) -> LabEntry:
         """Return the index rows of the run from its folder."""
-        return LabEntry(run_rows(self.place, self.record.observe))
+        return LabEntry(run_rows(self.folder, self.record.observe))
 
 
 def _restarts(state: Mapping[str, Any]) -> list[tuple[float, float]]:

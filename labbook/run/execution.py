@@ -100,7 +100,7 @@ class Execution:
         try:
             while not self._request.requested:
                 if not self._queue.pending and (self._device == "cpu" or not self._queue.active):
-                    self._queue.add_rest()
+                    self._queue.add_later()
                 busy = [worker for worker, _ in pending.values()]
                 for worker in workers if not (self._is_shared and busy) else ():
                     if worker not in busy:

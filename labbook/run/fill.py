@@ -260,9 +260,9 @@ class FillJob(Job):
     def _remedy(self) -> str:
         """Suggest what would let the bed come to rest, or count as such, the most likely remedy first."""
         scene, several = self.scene, self.scene.grains.count >= _MIN_GRAINS_MOVING
-        enough = _rounded_up(1.2 * self._max_energy)
+        energy = _rounded_up(1.2 * self._max_energy)
         accept = (
-            [f"use fill.settled_below: {short(enough)}, which accepts it as it is"] if enough <= _MAX_ACCEPTED else []
+            [f"use fill.settled_below: {short(energy)}, which accepts it as it is"] if energy <= _MAX_ACCEPTED else []
         )
         friction = []
         if isinstance(scene.grains, Spheres) and scene.contact.rolling_friction == 0:
@@ -276,11 +276,11 @@ class FillJob(Job):
 
     def _state_text(self) -> str:
         """Describe energy, threshold and time step."""
-        part = self.numerics.dt / collision(self.scene.stiffened(self.numerics.stiffness_scale))
+        fraction = self.numerics.dt / collision(self.scene.stiffened(self.numerics.stiffness_scale))
         return (
             f"at {self.status.time:.3g} s its kinetic energy is {short(self.status.kinetic)} m g d per grain, "
             f"at rest below {short(self.settled_below or 0)}, and has not halved since {self._halved_at:.3g} s; "
-            f"the step is {self.numerics.dt:.3g} s, {part:.2g} of a collision"
+            f"the step is {self.numerics.dt:.3g} s, {fraction:.2g} of a collision"
         )
 
     def _watch_energy(self, kinetic: float) -> None:
@@ -370,7 +370,7 @@ class FillJob(Job):
             return PackingOutput(
                 self.context.lab,
                 self.key,
-                self.place,
+                self.folder,
                 self.label,
                 record=self._record(),
                 status=self.status,
@@ -506,11 +506,11 @@ class PackingOutput(JobOutput):
 
     def entry(self) -> LabEntry:
         """Return the index row of the packing, and the packing."""
-        return LabEntry((packing_row(self.place, self._full_record), []), (self._full_record, self._packing))
+        return LabEntry((packing_row(self.folder, self._full_record), []), (self._full_record, self._packing))
 
     def reread(self) -> LabEntry:
         """Return the index row of the packing from its folder."""
-        return LabEntry((packing_row(self.place), []))
+        return LabEntry((packing_row(self.folder), []))
 
 
 def needs_all(label: str, losses_text: str, remedy: str) -> str:

@@ -140,9 +140,9 @@ class FinalizerPool:
         """Helpers that place grains; None if there is a single finalizer."""
         if len(self._finalizers) == 1:
             return None
-        return PlacingPool(self._place, _PLACED_AHEAD * len(self._finalizers))
+        return PlacingPool(self._submit_placing, _PLACED_AHEAD * len(self._finalizers))
 
-    def _place(self, closed: Scene, kind: str, seed: int) -> "Future[Packing]":
+    def _submit_placing(self, closed: Scene, kind: str, seed: int) -> "Future[Packing]":
         """Submit a placement to the next finalizer."""
         return next(self._next).place(closed, kind, seed)
 

@@ -46,7 +46,7 @@ class BeforeOpening:
         table = self.backend.tractions(self.closed, self.numerics, packing, self.probe)
         if table is None:
             return None
-        wall_index = {wall.name: place for place, wall in enumerate(all_walls(scene.container))}
+        wall_index = {wall.name: index for index, wall in enumerate(all_walls(scene.container))}
         number = np.array([wall_index[wall.name] for wall in self.closed.container.walls()], np.int64)
         rows = {name: column for name, column in table.items() if name != "member"}
         return frame_rows({**rows, "wall": number[table["wall"]]})

@@ -75,7 +75,7 @@ class HelperProcess:
     def begin(self) -> None:
         """Begin a run: hand over what may have changed since the last one. Raises HelperLost if the process has
         ended."""
-        self._send((_begin, (_environment(), attached.places())))
+        self._send((_begin, (_environment(), attached.registered())))
         self._answer()
 
     @property
@@ -214,11 +214,11 @@ def _environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(dict.fromkeys(sys.path))}
 
 
-def _begin(environment: Mapping[str, str], places: tuple[dict[str, Path], tuple[Path, ...]]) -> None:
+def _begin(environment: Mapping[str, str], attached_files: tuple[dict[str, Path], tuple[Path, ...]]) -> None:
     """Take over the environment of the parent and its places of attached files, in the helper."""
     os.environ.clear()
     os.environ.update(environment)
-    attached.use(places)
+    attached.use(attached_files)
 
 
 def load_packages() -> None:

@@ -64,13 +64,13 @@ class JobOutput(ABC):
     Args:
         lab: Folder of the lab.
         key: Key of the run or packing.
-        place: Final folder of the output.
+        folder: Final folder of the output.
         label: Name of the job for messages.
     """
 
     lab: LabFolder
     key: str
-    place: Path
+    folder: Path
     label: str
 
     @abstractmethod
@@ -104,7 +104,7 @@ class JobOutput(ABC):
                 raise JobFailed(
                     f"{self.label}: {problem}; give the same command again, and it starts from step 0"
                 ) from problem
-            self.lab.put(folder, self.place)
+            self.lab.put(folder, self.folder)
         self.lab.clear(self.key)  # after `put`: until then the last save may be needed
 
 
@@ -122,7 +122,7 @@ class Job(ABC):
         demand: Run that is demanded, or whose packing is.
         keys: Keys of that run.
         key: Key of the job: that of the run or of the packing.
-        place: Folder of the result.
+        folder: Folder of the result.
         claim: Claim of `key`.
 
     Attributes:
@@ -138,8 +138,8 @@ class Job(ABC):
     settled_below: float | None = None
     settled_beats: int = 3
 
-    def __init__(self, context: JobContext, demand: Demand, keys: Keys, key: str, place: Path, claim: Claim):
-        self.context, self.demand, self.keys, self.key, self.place = context, demand, keys, key, place
+    def __init__(self, context: JobContext, demand: Demand, keys: Keys, key: str, folder: Path, claim: Claim):
+        self.context, self.demand, self.keys, self.key, self.folder = context, demand, keys, key, folder
         self._claim = claim
         self.journal = Journal(context.lab.work(key))
         self.damaged: dict[Path, str] = {}
@@ -286,7 +286,7 @@ class Job(ABC):
 
     def begin(self) -> Packing | Checkpoint:
         """Return the start of the member: its last save, else a fresh start. Raises JobFailed."""
-        self.context.lab.mend(self.key, self.place)  # a `put` that a killed process left half done
+        self.context.lab.recover(self.key, self.folder)  # a `put` that a killed process left half done
         try:
             saved = self.recall(self.journal.restore())
         except Unreadable as problem:

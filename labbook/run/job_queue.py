@@ -17,7 +17,7 @@ from labbook.lab.packings import remember_packing
 from labbook.lab.records import Observe
 from labbook.plan.demand import Demand
 from labbook.plan.forecast import discharge_work, fill_work
-from labbook.plan.plan import Item, Plan, Planner, PointPlan, counted, place_in_order
+from labbook.plan.plan import Item, Plan, Planner, PointPlan, done_and_demanded, place_in_order
 from labbook.plan.possible import specified
 from labbook.run.discharge import DischargeJob
 from labbook.run.fill import FillJob
@@ -109,9 +109,9 @@ class JobQueue:
 
     def __init__(
         self, context: JobContext, planner: Planner, index: Index, observe: Observe, *, packings_only: bool = False,
-        holds: Callable[[Demand], bool] = everything, rest: Callable[[Demand], bool] | None = None,
+        holds: Callable[[Demand], bool] = everything, later: Callable[[Demand], bool] | None = None,
     ):  # fmt: skip
-        self._packings_only, self._own, self._holds, self._rest_holds = packings_only, holds, holds, rest
+        self._packings_only, self._own, self._holds, self._holds_later = packings_only, holds, holds, later
         self._expected_work: dict[str, float] = {}
         """Expected grain-steps, by key of the run or packing."""
         self._work_taken, self._work_forecast = 0.0, 0.0
@@ -196,11 +196,11 @@ class JobQueue:
                     lab.clear(key)
                 claim.release()
 
-    def add_rest(self) -> None:
-        """Add the runs of `rest`, some of which other processes may have claimed."""
-        if self._rest_holds is None:
+    def add_later(self) -> None:
+        """Add the runs of `later`, some of which other processes may have claimed."""
+        if self._holds_later is None:
             return
-        self._holds, self._rest_holds = self._rest_holds, None
+        self._holds, self._holds_later = self._holds_later, None
         for point in list(self.points.values()):
             self._add_point(self._planner.point(point))
         self._add_proposed()
@@ -380,7 +380,7 @@ class JobQueue:
         if (claim := self._claim(key)) is None:
             return None
         with _release_on_error(claim):
-            lab.mend(key, lab.run(key))
+            lab.recover(key, lab.run(key))
             current = self._planner.refresh(item)
         if current.state == "done":  # by another process, or when its packing was made again
             claim.release()
@@ -426,14 +426,14 @@ class JobQueue:
             self._record_runs(runs)
 
     def _record_packings(self, ended: Sequence[tuple[FillJob, LabEntry]]) -> None:
-        problems = self._index.put_packings({job.place: entry.rows[0] for job, entry in ended})
+        problems = self._index.put_packings({job.folder: entry.rows[0] for job, entry in ended})
         for job, entry in ended:
-            if problem := problems[job.place]:
+            if problem := problems[job.folder]:
                 self._give_up(job.key, f"{job.label}: {problem}")  # to make it once more would give the same
                 continue
             if entry.packing is not None:
                 stamp = entry.rows[0]["stamp"]
-                remember_packing(job.place, stamp, *entry.packing)
+                remember_packing(job.folder, stamp, *entry.packing)
                 self._planner.catalogue.note_packing(job.key, stamp)
             self.tally.packings += 1
             self._mark_packed(job.key)
@@ -468,9 +468,9 @@ class JobQueue:
             index = point.shared.point.index
             self.points[index] = point
             # what is known of others that wait stands: their packings may have been made since they were looked at
-            changed = [point.items[point.places[key]] for key in done_by_point[index]]
+            changed = [point.items[point.indices[key]] for key in done_by_point[index]]
             if len(point.items) > len(previous[index].items):
-                changed += (item for item in point.items if item.keys.run not in previous[index].places)
+                changed += (item for item in point.items if item.keys.run not in previous[index].indices)
             for item in changed:
                 if item.keys.run not in self.pending:
                     self._add_run(item)
@@ -513,7 +513,7 @@ class JobQueue:
 
     def count_runs(self) -> tuple[int, int]:
         """Number of runs that are done, and of all demanded so far; a run that several points share counts once."""
-        return counted(self.points.values(), self._own)
+        return done_and_demanded(self.points.values(), self._own)
 
     def fillings_left(self) -> int:
         """Number of packings that pending runs need, also those being made."""

@@ -39,8 +39,8 @@ def ledger(
     crossed = np.zeros(0, np.int64) if crossings is None else np.asarray(crossings["id"])
     beside_outlet = crossed[:0]
     if crossings is not None and len(crossed):
-        places = np.column_stack([crossings[axis] for axis in "xyz"])
-        beside_outlet = crossed[~scene.container.lets_out(places, scene.grains.radius)]
+        positions = np.column_stack([crossings[axis] for axis in "xyz"])
+        beside_outlet = crossed[~scene.container.lets_out(positions, scene.grains.radius)]
     outside = np.union1d(behind_wall, np.setdiff1d(beside_outlet, inside))
     return RunLedger(
         overlap=status.deepest,

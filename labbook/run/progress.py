@@ -88,17 +88,17 @@ class Bar:
         if self._view is None:
             yield self._spinner
             return
-        counted, words = heading(self._view, width)
+        counts_text, words = heading(self._view, width)
         grid = Table.grid(padding=(0, 1, 0, 0))
-        grid.add_row(self._spinner, *self._first_line(counted, words, width))
+        grid.add_row(self._spinner, *self._first_line(counts_text, words, width))
         yield grid
         for line in lines(self._view, width):
             yield Text(line, style="dim", no_wrap=True, overflow="ellipsis")
 
-    def _first_line(self, counted: str, words: str, width: int) -> "Iterable[Text | ProgressBar]":
+    def _first_line(self, counts_text: str, words: str, width: int) -> "Iterable[Text | ProgressBar]":
         assert self._view is not None
-        yield Text(counted, no_wrap=True, overflow="ellipsis")
-        room = width - 2 - len(counted) - (len(words) + 1 if words else 0) - 1
+        yield Text(counts_text, no_wrap=True, overflow="ellipsis")
+        room = width - 2 - len(counts_text) - (len(words) + 1 if words else 0) - 1
         if room >= NARROWEST:
             done, left = self._view.work_done, self._view.work_left
             yield ProgressBar(total=max(done + left, 1.0), completed=done, width=min(room, WIDEST))
@@ -108,15 +108,15 @@ class Bar:
 
 def heading(view: View, width: int) -> tuple[str, str]:
     """Return the texts left and right of the bar, leaving room for the bar; on the right the rate is dropped first."""
-    counted = counts(view)
-    if len(counted) > width - 2:
-        return f"{counted[: width - 3]}…", ""
+    counts_text = counts(view)
+    if len(counts_text) > width - 2:
+        return f"{counts_text[: width - 3]}…", ""
     rate = f"{view.rate / 1e6:.1f} M grain-steps/s" if view.rate else ""
     for parts in ((remaining(view), rate), (remaining(view),)):
         words = ", ".join(filter(None, parts))
-        if 2 + len(counted) + 1 + NARROWEST + 1 + len(words) <= width:
-            return counted, words
-    return counted, ""
+        if 2 + len(counts_text) + 1 + NARROWEST + 1 + len(words) <= width:
+            return counts_text, words
+    return counts_text, ""
 
 
 def lines(view: View, width: int) -> list[str]:

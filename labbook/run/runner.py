@@ -13,7 +13,7 @@ from labbook.lab.index import Index
 from labbook.lab.merge import bring
 from labbook.lab.records import Observe
 from labbook.plan.demand import Conflict, Demand, PackingsOf, PointDemand, fewest_runs
-from labbook.plan.devices import enough, slots
+from labbook.plan.devices import largest_ensemble, slots
 from labbook.plan.plan import Plan, Planner
 from labbook.plan.possible import check
 from labbook.run.execution import CHECKPOINT_EVERY, Execution
@@ -115,7 +115,7 @@ class Runner:
                 self.device,
                 self.workers or (cores() if self.device == "cpu" else 1),
                 slots(self.backend, self.device, plan.points),
-                enough(plan.points),
+                largest_ensemble(plan.points),
                 publisher,
                 self.request,
                 self.watcher.tell,
@@ -193,10 +193,10 @@ class Runner:
         holds: Callable[[Demand], bool],
     ) -> JobQueue:
         """Make the job queue for the part of this process, and for the rest of the shard after it."""
-        first, rest = holds, None
+        first, later = holds, None
         if self.rank is not None:
-            first, rest = part_of(shared, self.backend.capabilities, self.rank, holds), holds
-        return JobQueue(context, planner, index, observe, packings_only=self.packings_only, holds=first, rest=rest)
+            first, later = part_of(shared, self.backend.capabilities, self.rank, holds), holds
+        return JobQueue(context, planner, index, observe, packings_only=self.packings_only, holds=first, later=later)
 
     def _copy_from_base(self, index: Index, base: LabFolder) -> Plan:
         """Plan what is missing in `base`, and copy what `base` has of it into this lab."""

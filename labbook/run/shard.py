@@ -116,14 +116,14 @@ class WorkPartition:
 
     def _assign(self, seed: int) -> dict[int, int]:
         """Assign the packings of one seed, the largest first, each to the part that would finish it first."""
-        parts: dict[int, int] = {}
+        ranks: dict[int, int] = {}
         for bed in self._by_work:
             if self._includes(self._first_demands[bed].run(seed)):
                 work, loads = self._bed_work[bed], self._assigned_work
                 target = min(range(len(loads)), key=lambda part: ((loads[part] + work) / self._speeds[part], part))
                 loads[target] += work
-                parts[bed] = target + 1
-        return parts
+                ranks[bed] = target + 1
+        return ranks
 
 
 def part_of(

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from labbook.plan.demand import Demand, recorded_in_words
-from labbook.plan.plan import PointPlan, counted
+from labbook.plan.plan import PointPlan, done_and_demanded
 from labbook.run.job_queue import Tally
 from labbook.run.shard import everything
 from labbook.scene.quantities import duration
@@ -54,12 +54,12 @@ class Summary:
     @property
     def done(self) -> int:
         """Number of runs of the study that are done."""
-        return counted(self.points, self.holds)[0]
+        return done_and_demanded(self.points, self.holds)[0]
 
     @property
     def requested(self) -> int:
         """Number of runs that the study demands so far."""
-        return counted(self.points, self.holds)[1]
+        return done_and_demanded(self.points, self.holds)[1]
 
     @property
     def failed(self) -> tuple[str, ...]:

@@ -173,13 +173,13 @@ def search(folder: Path) -> None:
         _folders.pop(next(iter(_folders)))
 
 
-def places() -> tuple[dict[str, Path], tuple[Path, ...]]:
-    """Places of files and folders that are searched, for another process of this machine."""
+def registered() -> tuple[dict[str, Path], tuple[Path, ...]]:
+    """Files by their hashes, and folders that are searched, for another process of this machine."""
     return dict(_paths), tuple(folder.absolute() for folder in _folders)
 
 
 def use(remote: tuple[dict[str, Path], tuple[Path, ...]]) -> None:
-    """Search the `places` of another process."""
+    """Search the `registered` of another process."""
     paths, folders = remote
     _paths.update(paths)
     for folder in folders:
@@ -212,7 +212,7 @@ def content(key: str) -> bytes:
     """
     if key in _contents:
         return _contents[key]
-    for path in _places(key):
+    for path in _candidate_paths(key):
         try:
             read = _read(path, MOST_BYTES)
         except OSError:
@@ -238,7 +238,7 @@ def contents(keys: Iterable[str]) -> dict[str, bytes]:
     return {key: content(key) for key in keys}
 
 
-def _places(key: str) -> Iterable[Path]:
+def _candidate_paths(key: str) -> Iterable[Path]:
     if not is_hash(key):
         return
     if key in _paths:

@@ -28,8 +28,8 @@ class BedTop:
     def of(cls, bed: Packing, height: float = -math.inf) -> "BedTop":
         """Select the grains of a bed whose centres are above `height` [m]."""
         assert bed.ids is not None
-        return cls(bed.ids, bed.ids, bed.x, bed.q).part(bed.x[:, 2] > height)
+        return cls(bed.ids, bed.ids, bed.x, bed.q).subset(bed.x[:, 2] > height)
 
-    def part(self, mask: np.ndarray) -> "BedTop":
+    def subset(self, mask: np.ndarray) -> "BedTop":
         """Select some of the grains above the height, by a mask of shape [m]."""
         return BedTop(self.present, self.ids[mask], self.x[mask], None if self.q is None else self.q[mask])

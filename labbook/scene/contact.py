@@ -37,16 +37,16 @@ class Softer(NamedTuple):
 
     Attributes:
         key: Key of the stiffness in `contact`.
-        unit: SI unit of `value` and `enough`.
+        unit: SI unit of `value` and `required`.
         value: Stiffness of the law.
-        enough: Stiffness at which grains overlap as far as they may.
+        required: Stiffness at which grains overlap as far as they may.
         alternative: Key that a study may state instead, and its value over that of `key`; None without one.
     """
 
     key: str
     unit: str
     value: float
-    enough: float
+    required: float
     alternative: tuple[str, float] | None = None
 
 
@@ -382,9 +382,9 @@ class Hertz(Dashpot, ABC):
 
     def softer(self, pressure: float, overlap: float, diameter: float) -> Softer:
         """Shear modulus from the overlap now, which is proportional to G^{-2/3}."""
-        enough = self.shear_modulus * (self.overlap(pressure, diameter) / overlap) ** 1.5
+        required = self.shear_modulus * (self.overlap(pressure, diameter) / overlap) ** 1.5
         alternative = "youngs_modulus", 2 * (1 + self.poisson_ratio)
-        return Softer("shear_modulus", "Pa", self.shear_modulus, enough, alternative)
+        return Softer("shear_modulus", "Pa", self.shear_modulus, required, alternative)
 
 
 class HertzMindlin(Hertz):
@@ -575,8 +575,8 @@ class LinearSpringDashpot(Dashpot):
 
     def softer(self, pressure: float, overlap: float, diameter: float) -> Softer:
         """Normal stiffness from the overlap now, which is proportional to 1/k_n."""
-        enough = self.normal_stiffness * self.overlap(pressure, diameter) / overlap
-        return Softer("normal_stiffness", "N/m", self.normal_stiffness, enough)
+        required = self.normal_stiffness * self.overlap(pressure, diameter) / overlap
+        return Softer("normal_stiffness", "N/m", self.normal_stiffness, required)
 
 
 CONTACT_LAWS = TaggedModels(

@@ -380,5 +380,5 @@ def _at_rest(parts: tuple[Wall, ...], surface_motion: bool) -> tuple[Wall, ...]:
     """
     if not any(part.is_posed or (part.motion != AT_REST and not surface_motion) for part in parts):
         return parts
-    rest = {"moves": None} if surface_motion else {"moves": None, "motion": AT_REST}
-    return tuple(part.model_copy(update=rest | {"opens": part.opens and START}) for part in parts)
+    still = {"moves": None} if surface_motion else {"moves": None, "motion": AT_REST}
+    return tuple(part.model_copy(update=still | {"opens": part.opens and START}) for part in parts)

@@ -110,8 +110,10 @@ def _pile(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Grai
     closed, d = container.close().walls(), grains.diameter
     # the upper side of a vessel covers nothing within it
     plates = [line for wall in closed if any(wall.shape.enclosed.endless) for line in wall.shape.section()]
-    panes = {wall.name: box.low[1] for wall in closed if (box := wall.shape.bounds).endless == (True, False, True)}
-    depths = list(panes.values())
+    y_of_plates = {
+        wall.name: box.low[1] for wall in closed if (box := wall.shape.bounds).endless == (True, False, True)
+    }
+    depths = list(y_of_plates.values())
     middle = sum(depths) / len(depths) if depths else 0.0
     deep = max(depths) - min(depths) if depths else None
     volume = grains.count * grains.volume / 0.58
@@ -124,7 +126,7 @@ def _pile(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Grai
         for end in (-grains.overhang, 0.0, grains.overhang):
             points = np.column_stack([x + end, np.full((len(x), 2), (middle, z))])
             for wall in closed:
-                if wall.name not in panes:
+                if wall.name not in y_of_plates:
                     free &= wall.shape.inside(points) & (wall.shape.distance(points) >= 0.45 * d)
         for (x0, z0), (x1, z1) in plates:
             if x0 != x1:
@@ -164,9 +166,9 @@ def _rows(grains: Grains, container: Container) -> Iterator[_Grain]:
 
 
 def _grain(grains: Grains, rng: np.random.Generator, x: float, z: float) -> _Grain:
-    parts = grains.species
-    kind = int(rng.choice(len(parts), p=[part.share / sum(p.share for p in parts) for part in parts]))
-    radius = float(parts[kind].sizes.draw(rng, 1, grains.diameter)[0]) / 2
+    species = grains.species
+    kind = int(rng.choice(len(species), p=[entry.share / sum(p.share for p in species) for entry in species]))
+    radius = float(species[kind].sizes.draw(rng, 1, grains.diameter)[0]) / 2
     shake = 0.06 * grains.diameter
     tilt = float(rng.normal(0, 0.12)) if grains.elongated else 0.0
     return x + float(rng.uniform(-shake, shake)), z + float(rng.uniform(-shake, shake)), radius, kind, tilt
@@ -199,10 +201,10 @@ def _bed(grains: Grains, pile: Iterable[_Grain], at: Pixels, scale: float) -> st
     for x, z, r, kind, tilt in pile:
         px, pz = at(x, z)
         cosine, sine = math.cos(tilt), math.sin(tilt)
-        for part in clump:  # the long axis lies, the shortest points at the viewer
-            along, up = part.centre[2] * scale, part.centre[1] * scale
+        for sphere in clump:  # the long axis lies, the shortest points at the viewer
+            along, up = sphere.centre[2] * scale, sphere.centre[1] * scale
             to = f"M{px + along * cosine - up * sine:.1f} {pz - along * sine - up * cosine:.1f}h0"
-            strokes[_look(kind, part.radius, scale)].append(to)
+            strokes[_look(kind, sphere.radius, scale)].append(to)
         if not clump:
             dx, dz = half * cosine, half * sine
             step = f"l{2 * dx:.1f} {-2 * dz:.1f}" if half else "h0"

@@ -158,9 +158,9 @@ def from_segment(section: np.ndarray, start: Point2, end: Point2) -> np.ndarray:
         Distances from the nearest point of the line [m], shape [n].
     """
     along, at = np.array(end) - start, section - start
-    part = np.minimum(np.maximum(at @ along / (along @ along), 0), 1)
+    fraction = np.minimum(np.maximum(at @ along / (along @ along), 0), 1)
     # by hand: norm along so short an axis takes most of the time of a filling's start
-    return np.sqrt((at[:, 0] - part * along[0]) ** 2 + (at[:, 1] - part * along[1]) ** 2)
+    return np.sqrt((at[:, 0] - fraction * along[0]) ** 2 + (at[:, 1] - fraction * along[1]) ** 2)
 
 
 def above_line(start: Point2, end: Point2, u: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -171,8 +171,8 @@ def above_line(start: Point2, end: Point2, u: np.ndarray, z: np.ndarray) -> tupl
     run, rise = end[0] - start[0], end[1] - start[1]
     if run == 0:
         return np.zeros(len(u), bool), np.zeros(len(u), bool)
-    part = (u - start[0]) / run
-    beside, above = (part >= 0) & (part <= 1), z - start[1] > part * rise
+    fraction = (u - start[0]) / run
+    beside, above = (fraction >= 0) & (fraction <= 1), z - start[1] > fraction * rise
     return beside & above, beside & ~above
 
 

@@ -67,7 +67,7 @@ def depth_between(walls: Iterable[Wall]) -> float:
 
 def _area_from_above(mesh: TriangleMesh) -> float:
     """Area [m^2] of the shadow of a plate of triangles, thin or closed."""
-    a, b, c = (mesh.surface.places[:, k, :2] for k in range(3))
+    a, b, c = (mesh.surface.corner_positions[:, k, :2] for k in range(3))
     (ux, uy), (vx, vy) = (b - a).T, (c - a).T
     total = float(np.abs(ux * vy - uy * vx).sum() / 2)
     return total / 2 if mesh.surface.closed else total

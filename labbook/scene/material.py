@@ -61,19 +61,19 @@ class OwnMaterial(Model):
         shear_modulus: float | None
         poisson_ratio: float | None
 
-    def material(self, rest: Material) -> Material:
+    def material(self, common: Material) -> Material:
         """Complete the material.
 
         Args:
-            rest: Material of the other bodies.
+            common: Material of the other bodies.
 
         Returns:
-            Material of the body: constants that it does not state are those of `rest`.
+            Material of the body: constants that it does not state are those of `common`.
         """
-        nu = rest.poisson_ratio if self.poisson_ratio is None else self.poisson_ratio
+        nu = common.poisson_ratio if self.poisson_ratio is None else self.poisson_ratio
         if self.youngs_modulus is not None:
             return Material(shear_modulus(self.youngs_modulus, nu), nu)
-        return Material(rest.shear_modulus if self.shear_modulus is None else self.shear_modulus, nu)
+        return Material(common.shear_modulus if self.shear_modulus is None else self.shear_modulus, nu)
 
     @property
     def has_own(self) -> bool:

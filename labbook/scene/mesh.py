@@ -201,7 +201,7 @@ class TriangleMesh(WallShape):
         return Mesh(surface.vertices, surface.corners, tuple(surface.vertices[surface.creases(_SHARP)]))
 
     @property
-    def pane(self) -> bool:
+    def is_transparent(self) -> bool:
         """True: grains are seen through it."""
         return True
 
@@ -223,11 +223,11 @@ def _encoded(surface: Triangles) -> tuple[_OfFile, _OfFile]:
 @lru_cache(maxsize=16)
 def _decoded(vertices: str, triangles: str) -> Triangles:
     """Surface of two texts; ValueError for texts without a surface."""
-    places = np.frombuffer(base64.b64decode(vertices, validate=True), "<f8").reshape(-1, 3).astype(np.float64)
+    positions = np.frombuffer(base64.b64decode(vertices, validate=True), "<f8").reshape(-1, 3).astype(np.float64)
     corners = np.frombuffer(base64.b64decode(triangles, validate=True), "<i4").reshape(-1, 3).astype(np.int64)
-    if not len(corners) or not np.isfinite(places).all() or corners.min() < 0 or corners.max() >= len(places):
+    if not len(corners) or not np.isfinite(positions).all() or corners.min() < 0 or corners.max() >= len(positions):
         raise ValueError("it has no triangles, or these have no such vertices")
-    surface = Triangles(places, corners)
+    surface = Triangles(positions, corners)
     if not np.isfinite(surface.normals).all():
         raise ValueError("a triangle has no area")
     return surface

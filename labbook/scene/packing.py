@@ -148,7 +148,7 @@ class Packing:
         order = np.argsort(self.ids)
         return order[np.searchsorted(self.ids, ids, sorter=order)]
 
-    def part(self, rows: np.ndarray) -> "Packing":
+    def subset(self, rows: np.ndarray) -> "Packing":
         """Select grains.
 
         Args:
@@ -166,10 +166,10 @@ class Packing:
         if self.waiting is None:
             return self
         present = ~self.waiting
-        place = np.cumsum(present) - 1
+        index = np.cumsum(present) - 1
         arrays = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_PER_GRAIN)}
         own = {name: array[present] for name, array in arrays.items() if array is not None}
-        return replace(self, **own, pairs=place[self.pairs], wall_grain=place[self.wall_grain], waiting=None)
+        return replace(self, **own, pairs=index[self.pairs], wall_grain=index[self.wall_grain], waiting=None)
 
     def mirrored(self) -> "Packing":
         """Mirror the packing in x = 0.
@@ -206,8 +206,8 @@ class Packing:
         Returns:
             Packing in that order; ids go with the grains, springs with their contacts.
         """
-        place = np.argsort(order)
-        pairs = place[self.pairs]
+        index = np.argsort(order)
+        pairs = index[self.pairs]
         turned, parts = (pairs[:, 0] > pairs[:, 1])[:, None], self.pair_parts
         rows = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_PER_GRAIN)}
         rolling = self.pair_rolling
@@ -218,7 +218,7 @@ class Packing:
             pair_spring=np.where(turned, -self.pair_spring, self.pair_spring),
             pair_parts=None if parts is None else np.where(turned, parts[:, ::-1], parts),
             pair_rolling=None if rolling is None else np.where(turned, -rolling, rolling),
-            wall_grain=place[self.wall_grain],
+            wall_grain=index[self.wall_grain],
             waiting=None if self.waiting is None else self.waiting[order],
         )
 

@@ -83,7 +83,7 @@ class Poses(NamedTuple):
         """All but the origins as kernels take them, shape [n, POSE_COLUMNS]."""
         return np.concatenate([self.turn.reshape(-1, 9), self.shift, self.velocity, self.spin], axis=1)
 
-    def places(self, k: int, x: np.ndarray) -> np.ndarray:
+    def positions(self, k: int, x: np.ndarray) -> np.ndarray:
         """Places at time k of points x [m] of the part as it was placed, shape [m, 3]."""
         return x @ self.turn[k].T + self.shift[k]
 
@@ -153,11 +153,11 @@ class PartMotion(Model):
         shift = origin - turn @ pivot if self.rotation is not None else drift
         return Poses(turn, shift, velocity - np.cross(spin, origin), spin, origin)
 
-    def speed(self, places: np.ndarray, reach: float) -> float:
+    def speed(self, vertices: np.ndarray, reach: float) -> float:
         """Bound the speed of points near the part.
 
         Args:
-            places: Vertices of the part [m], shape [n, 3].
+            vertices: Vertices of the part [m], shape [n, 3].
             reach: Distance of the points from the part at most [m].
 
         Returns:
@@ -167,8 +167,8 @@ class PartMotion(Model):
         bound += self.vibration.speed if self.vibration is not None else 0.0
         if self.rotation is not None:
             unit = np.array(self.rotation.axis) / np.linalg.norm(self.rotation.axis)
-            arm = np.linalg.norm(np.cross(places - self.rotation.origin, unit), axis=1).max()
-            bound += abs(self.rotation.rate) * (float(arm) + reach)
+            lever_arm = np.linalg.norm(np.cross(vertices - self.rotation.origin, unit), axis=1).max()
+            bound += abs(self.rotation.rate) * (float(lever_arm) + reach)
         return bound
 
     def sampled(self, end: float) -> np.ndarray:

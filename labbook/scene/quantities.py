@@ -139,20 +139,20 @@ _PERCENT_LIMIT = 1e3
 """Ratio from which on it is written as a multiple, not in percent."""
 
 
-def percent(part: float, how: str = ".3g") -> str:
+def percent(fraction: float, how: str = ".3g") -> str:
     """Write a fraction in percent.
 
     Args:
-        part: Fraction.
+        fraction: Fraction.
         how: Format of the number of percent; an exponent that it gives (1.1e+02) is written out.
 
     Returns:
         `2 %`, `0.25 %` or `110 %`; above a hundred thousand percent `1e300 times`.
     """
     plus = "+" if how.startswith("+") else ""
-    if _PERCENT_LIMIT <= abs(part) < math.inf:
-        return re.sub(r"e(-?)\+?0*", r"e\1", f"{part:{plus}.3g} times")
-    number = _decimal(f"{100 * part:{how}}")
+    if _PERCENT_LIMIT <= abs(fraction) < math.inf:
+        return re.sub(r"e(-?)\+?0*", r"e\1", f"{fraction:{plus}.3g} times")
+    number = _decimal(f"{100 * fraction:{how}}")
     return f"{plus if number[0] not in '+-' else ''}{number} %"
 
 

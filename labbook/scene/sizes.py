@@ -359,8 +359,8 @@ def _systematic(rng: np.random.Generator, n: int, diameters: tuple[float, ...], 
 
     Each class has n times its share to within one grain (Madow & Madow, Ann. Math. Stat. 15 (1944) 1).
     """
-    places = np.searchsorted(np.cumsum(shares)[:-1], (rng.uniform() + np.arange(n)) / max(n, 1), side="right")
-    return rng.permutation(np.array(diameters)[places])
+    classes = np.searchsorted(np.cumsum(shares)[:-1], (rng.uniform() + np.arange(n)) / max(n, 1), side="right")
+    return rng.permutation(np.array(diameters)[classes])
 
 
 Sizes = Annotated[Uniform | Normal | LogNormal | SizeTable | SizeList, Field(discriminator="kind")]

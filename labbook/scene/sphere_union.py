@@ -137,9 +137,9 @@ def _heights(c: np.ndarray, r: np.ndarray, nodes: int) -> tuple[np.ndarray, np.n
     bounds = np.unique(np.concatenate(ends))
     bounds = bounds[np.diff(bounds, prepend=-np.inf) > 1e-13]
     t, weight = np.polynomial.legendre.leggauss(nodes)
-    part, slope = np.sin(np.pi / 4 * (t + 1)) ** 2, np.pi / 4 * np.sin(np.pi / 2 * (t + 1))
+    fraction, slope = np.sin(np.pi / 4 * (t + 1)) ** 2, np.pi / 4 * np.sin(np.pi / 2 * (t + 1))
     length = np.diff(bounds)[:, None]
-    return (bounds[:-1, None] + length * part).ravel(), (length * slope * weight).ravel()
+    return (bounds[:-1, None] + length * fraction).ravel(), (length * slope * weight).ravel()
 
 
 def _circle(c: np.ndarray, r: np.ndarray, i: int, j: int) -> tuple[np.ndarray, float, np.ndarray] | None:

@@ -83,41 +83,41 @@ class Triangles:
         from scipy.sparse.csgraph import connected_components
         from scipy.spatial import KDTree
 
-        places, first = np.unique(vertices + 0.0, axis=0, return_inverse=True)
+        positions, first = np.unique(vertices + 0.0, axis=0, return_inverse=True)
         corners = first.reshape(-1)[corners]
-        near = WELD * float(np.linalg.norm(np.ptp(places, axis=0))) if len(places) else 0.0
-        pairs = KDTree(places).query_pairs(near, output_type="ndarray") if len(places) and near > 0 else []
+        near = WELD * float(np.linalg.norm(np.ptp(positions, axis=0))) if len(positions) else 0.0
+        pairs = KDTree(positions).query_pairs(near, output_type="ndarray") if len(positions) and near > 0 else []
         if len(pairs):
-            links = coo_array((np.ones(len(pairs)), np.transpose(pairs)), shape=(len(places),) * 2)
+            links = coo_array((np.ones(len(pairs)), np.transpose(pairs)), shape=(len(positions),) * 2)
             _, group = connected_components(links, directed=False)
-            keeper = np.full(group.max() + 1, len(places))
-            np.minimum.at(keeper, group, np.arange(len(places)))  # the first in order stands for its group
+            keeper = np.full(group.max() + 1, len(positions))
+            np.minimum.at(keeper, group, np.arange(len(positions)))  # the first in order stands for its group
             corners = keeper[group][corners]
         corners = np.sort(corners, axis=1)
-        a, b, c = (places[corners[:, k]] for k in range(3))
+        a, b, c = (positions[corners[:, k]] for k in range(3))
         longest = np.max([np.linalg.norm(q - p, axis=1) for p, q in ((a, b), (b, c), (a, c))], axis=0, initial=0.0)
         solid = np.linalg.norm(np.cross(b - a, c - a), axis=1) > near * longest  # else flatter than the weld
         unlike = np.unique(corners[solid], axis=0)
         used, corners = np.unique(unlike, return_inverse=True)
-        merged = Welded(len(vertices) - len(places), int(np.sum(~solid)), int(np.sum(solid)) - len(unlike))
-        return cls(places[used], corners.reshape(-1, 3)), merged
+        merged = Welded(len(vertices) - len(positions), int(np.sum(~solid)), int(np.sum(solid)) - len(unlike))
+        return cls(positions[used], corners.reshape(-1, 3)), merged
 
     @cached_property
-    def places(self) -> np.ndarray:
+    def corner_positions(self) -> np.ndarray:
         """Corners [m], shape [m, 3, 3]."""
         return self.vertices[self.corners]
 
     @cached_property
     def normals(self) -> np.ndarray:
         """Unit normals, shape [m, 3], of arbitrary sense."""
-        a, b, c = np.moveaxis(self.places, 1, 0)
+        a, b, c = np.moveaxis(self.corner_positions, 1, 0)
         normal = np.cross(b - a, c - a)
         return normal / np.linalg.norm(normal, axis=1)[:, None]
 
     @property
     def area(self) -> float:
         """Sum of the areas of its triangles [m^2]."""
-        a, b, c = np.moveaxis(self.places, 1, 0)
+        a, b, c = np.moveaxis(self.corner_positions, 1, 0)
         return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
     @cached_property
@@ -125,10 +125,10 @@ class Triangles:
         """Volume within the closed surface [m^3], by the divergence theorem; NaN of an open one."""
         if not self.closed:
             return math.nan
-        middle, outwards = self.places.mean(axis=1), self.normals.copy()
+        middle, outwards = self.corner_positions.mean(axis=1), self.normals.copy()
         step = _BESIDE * max(self.bounds.size)
         outwards[self.inside(middle + step * outwards)] *= -1  # triangles are of arbitrary sense
-        a, b, c = np.moveaxis(self.places, 1, 0)
+        a, b, c = np.moveaxis(self.corner_positions, 1, 0)
         areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
         return float((_dot(middle - middle.mean(axis=0), outwards) * areas).sum() / 3)
 
@@ -179,14 +179,14 @@ class Triangles:
 
     def flaws(self) -> Iterator[Flaw]:
         """Edges of more than two triangles, vertices within other edges, and triangles that cut one another."""
-        for kind, places in (
+        for kind, faulty in (
             ("non-manifold", self._crowded()),
             ("t-junctions", self._junctions()),
             ("intersections", self._cuts()),
         ):
-            if len(places):
-                x, y, z = places[0].tolist()
-                yield Flaw(kind, len(places), (x, y, z))
+            if len(faulty):
+                x, y, z = faulty[0].tolist()
+                yield Flaw(kind, len(faulty), (x, y, z))
 
     def _crowded(self) -> np.ndarray:
         edges, numbers = self.edges
@@ -200,15 +200,15 @@ class Triangles:
         ends = self.vertices[edges]
         near = WELD * float(np.linalg.norm(self.bounds.size))
         middle, half = ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2
-        tree, places = KDTree(self.vertices), list[np.ndarray]()
+        tree, junctions = KDTree(self.vertices), list[np.ndarray]()
         for e, inside in enumerate(tree.query_ball_point(middle, half)):
             inner = np.setdiff1d(inside, edges[e])
             if len(inner):
                 along = (ends[e, 1] - ends[e, 0]) / (2 * half[e])
                 r = self.vertices[inner] - ends[e, 0]
                 aside = np.linalg.norm(r - np.outer(r @ along, along), axis=1)
-                places += list(self.vertices[inner[aside < near]])
-        return np.array(places).reshape(-1, 3)
+                junctions += list(self.vertices[inner[aside < near]])
+        return np.array(junctions).reshape(-1, 3)
 
     def _cuts(self) -> np.ndarray:
         """Places at which an edge of one triangle passes through another, of triangles that share no vertex."""
@@ -216,9 +216,9 @@ class Triangles:
         for i, j in self._overlapping():
             apart = ~(self.corners[i][:, :, None] == self.corners[j][:, None, :]).any(axis=(1, 2))
             for first, second in ((i[apart], j[apart]), (j[apart], i[apart])):
-                p, n = self.places[second], self.normals[second]
+                p, n = self.corner_positions[second], self.normals[second]
                 for k in range(3):
-                    start, end = self.places[first][:, k], self.places[first][:, (k + 1) % 3]
+                    start, end = self.corner_positions[first][:, k], self.corner_positions[first][:, (k + 1) % 3]
                     at, to = (_dot(x - p[:, 0], n) for x in (start, end))
                     through = (at * to < 0) & (np.minimum(np.abs(at), np.abs(to)) > near)
                     hit = start + (at / np.where(at == to, 1.0, at - to))[:, None] * (end - start)
@@ -234,7 +234,7 @@ class Triangles:
 
     def _overlapping(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Pairs of triangles whose boxes overlap, some at a time, each of shape [k]."""
-        low, high = self.places.min(axis=1), self.places.max(axis=1)
+        low, high = self.corner_positions.min(axis=1), self.corner_positions.max(axis=1)
         axis = int(np.argmax(np.ptp(self.vertices, axis=0)))
         order = np.argsort(low[:, axis], kind="stable")
         low, high = low[order], high[order]
@@ -282,7 +282,7 @@ class Triangles:
             self._grids[reach] = grid
         point, triangle = grid.near(x)
         # most triangles that a cell lists are far from the point: their planes tell
-        above = np.abs(_dot(x[point] - self.places[triangle, 0], self.normals[triangle]))
+        above = np.abs(_dot(x[point] - self.corner_positions[triangle, 0], self.normals[triangle]))
         point, triangle = (pairs[above <= reach * _PLANE_SLACK] for pairs in (point, triangle))
         distances = np.full(len(x), _BEYOND * reach)
         if len(point):
@@ -302,7 +302,7 @@ class Triangles:
 
         Long triangles are cut into pieces, as the ball around a whole one would have most points near it.
         """
-        pieces, owners = self.places, np.arange(len(self.places))
+        pieces, owners = self.corner_positions, np.arange(len(self.corner_positions))
         largest = float(np.linalg.norm(self.bounds.size)) / _PIECES
         small: list[tuple[np.ndarray, np.ndarray]] = []
         while len(pieces):
@@ -354,16 +354,16 @@ class Triangles:
 
     def apart(self, x: np.ndarray, triangle: np.ndarray) -> np.ndarray:
         """Distance [m] of each point of x, shape [n, 3], from a triangle of its own, shape [n]."""
-        places, normal = self.places[triangle], self.normals[triangle]
+        corners, normal = self.corner_positions[triangle], self.normals[triangle]
         best, inside = np.full(len(x), np.inf), np.ones(len(x), bool)
         for c in range(3):
-            p, side = places[:, c], places[:, (c + 1) % 3] - places[:, c]
+            p, side = corners[:, c], corners[:, (c + 1) % 3] - corners[:, c]
             r = x - p
             inward = np.cross(normal, side)
-            inside &= _dot(r, inward) * np.sign(_dot(places[:, (c + 2) % 3] - p, inward)) >= 0
+            inside &= _dot(r, inward) * np.sign(_dot(corners[:, (c + 2) % 3] - p, inward)) >= 0
             r = r - np.clip(_dot(r, side) / _dot(side, side), 0, 1)[:, None] * side
             best = np.minimum(best, _dot(r, r))
-        return np.where(inside, np.abs(_dot(x - places[:, 0], normal)), np.sqrt(best))
+        return np.where(inside, np.abs(_dot(x - corners[:, 0], normal)), np.sqrt(best))
 
     def crossings(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Count the triangles straight above and straight below points.
@@ -391,7 +391,7 @@ class Triangles:
         """Lines of those that are vertical at `columns`, shape [k, 2], and heights z [m] at which they meet a triangle,
         each of shape [hits]."""
         line, triangle = self._from_above.near(columns)
-        p, q = columns[line], self.places[triangle]
+        p, q = columns[line], self.corner_positions[triangle]
         near = ((p >= q[:, :, :2].min(axis=1)) & (p <= q[:, :, :2].max(axis=1))).all(axis=1)
         line, p, q = line[near], p[near], q[near]
         # corners ascend, so that triangles see an edge between them from the same end
@@ -405,7 +405,7 @@ class Triangles:
     @cached_property
     def _from_above(self) -> Cells:
         """Grid of the boxes around triangles seen from above."""
-        places = self.places[:, :, :2]
+        places = self.corner_positions[:, :, :2]
         low, high = places.min(axis=1), places.max(axis=1)
         least = float(np.linalg.norm(np.ptp(self.vertices, axis=0))) / _ACROSS
         return Cells.over(low, high, max(least, float((high - low).mean()) / 4))
@@ -430,12 +430,12 @@ class Triangles:
         Returns:
             Surface with the same triangles.
         """
-        places = by(self.vertices) + 0.0
-        order = np.lexsort(places.T[::-1])
-        place = np.empty(len(order), np.int64)
-        place[order] = np.arange(len(order))
-        corners = np.sort(place[self.corners], axis=1)
-        return Triangles(places[order], corners[np.lexsort(corners.T[::-1])])
+        positions = by(self.vertices) + 0.0
+        order = np.lexsort(positions.T[::-1])
+        index = np.empty(len(order), np.int64)
+        index[order] = np.arange(len(order))
+        corners = np.sort(index[self.corners], axis=1)
+        return Triangles(positions[order], corners[np.lexsort(corners.T[::-1])])
 
 
 def _radii(pieces: np.ndarray) -> np.ndarray:
@@ -443,11 +443,11 @@ def _radii(pieces: np.ndarray) -> np.ndarray:
     return np.linalg.norm(pieces - pieces.mean(axis=1)[:, None], axis=2).max(axis=1)
 
 
-def _halves(places: np.ndarray) -> np.ndarray:
+def _halves(corners: np.ndarray) -> np.ndarray:
     """Cut triangles, shape [n, 3, 3], at the middle of their longest sides: first halves and then second ones."""
-    rows = np.arange(len(places))
-    longest = np.argmax(np.linalg.norm(np.roll(places, -1, axis=1) - places, axis=2), axis=1)
-    p, q, r = (places[rows, (longest + k) % 3] for k in range(3))
+    rows = np.arange(len(corners))
+    longest = np.argmax(np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2), axis=1)
+    p, q, r = (corners[rows, (longest + k) % 3] for k in range(3))
     middle = (p + q) / 2
     return np.concatenate([np.stack([p, middle, r], axis=1), np.stack([middle, q, r], axis=1)])
 

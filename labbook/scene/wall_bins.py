@@ -164,8 +164,8 @@ def _of_frustum(shape: Frustum, along: Along) -> Callable[[float], float]:
     slant, rise, run = math.hypot(r1 - r0, z1 - z0), z1 - z0, r1 - r0
 
     def up_to(at: float) -> float:
-        part = min(max((at - z0) / rise if along == "height" else (at - r0) / run, 0.0), 1.0)
-        area = math.pi * (2 * r0 + run * part) * slant * part  # from the inner edge on
+        fraction = min(max((at - z0) / rise if along == "height" else (at - r0) / run, 0.0), 1.0)
+        area = math.pi * (2 * r0 + run * fraction) * slant * fraction  # from the inner edge on
         return area if along == "radius" or rise > 0 else -area
 
     return up_to
@@ -173,7 +173,7 @@ def _of_frustum(shape: Frustum, along: Along) -> Callable[[float], float]:
 
 def _of_plane(container: ContainerShape, shape: Plane, along: Along) -> Callable[[float], float] | None:
     depth, floor = container.front_to_back, _floor(container)
-    x, y, z = (abs(part) > 0 for part in shape.normal)
+    x, y, z = (abs(component) > 0 for component in shape.normal)
     bounds = container.bounds
     if along == "radius" and container.across is not None:
         widest = container.across / 2

@@ -211,8 +211,8 @@ class WallShape(Model, ABC):
         return ""
 
     @property
-    def pane(self) -> bool:
-        """True if pictures show the wall as a pane, through which the grains behind it are seen."""
+    def is_transparent(self) -> bool:
+        """True if pictures show the grains behind the wall."""
         return False
 
     def continued(self, successor: "WallShape", x: np.ndarray) -> np.ndarray:

@@ -53,7 +53,7 @@ class Plane(WallShape):
     @property
     def _across(self) -> int | None:
         """Axis that the plane is perpendicular to; None if it is inclined."""
-        along = [axis for axis, part in enumerate(self.normal) if part != 0]
+        along = [axis for axis, component in enumerate(self.normal) if component != 0]
         return along[0] if len(along) == 1 else None
 
     @property
@@ -66,7 +66,7 @@ class Plane(WallShape):
     @property
     def symmetries(self) -> frozenset[Symmetry]:
         """Symmetries: planar unless the plane is inclined along y, axial if it is horizontal."""
-        x, y, z = (part != 0 for part in self.normal)
+        x, y, z = (component != 0 for component in self.normal)
         return frozenset([*(["planar"] if not (y and (x or z)) else []), *(["axial"] if not (x or y) else [])])
 
     @property
@@ -110,7 +110,7 @@ class Plane(WallShape):
         return Mesh.polygon(np.array([middle - a - b, middle + a - b, middle + a + b, middle - a + b]), outlined=False)
 
     @property
-    def pane(self) -> bool:
+    def is_transparent(self) -> bool:
         """True: grains are seen through it."""
         return True
 
@@ -185,8 +185,8 @@ class Strip(WallShape):
         lower, upper = sorted((self.start, self.end), key=lambda edge: edge[1])
         (_, front, _), (_, back, top) = within.low, within.high
         if upper[1] > top > lower[1]:
-            part = (top - lower[1]) / (upper[1] - lower[1])
-            upper = lower[0] + part * (upper[0] - lower[0]), top
+            fraction = (top - lower[1]) / (upper[1] - lower[1])
+            upper = lower[0] + fraction * (upper[0] - lower[0]), top
         (x0, z0), (x1, z1) = lower, upper
         corners = np.array([(x0, front, z0), (x1, front, z1), (x1, back, z1), (x0, back, z0)])
         return Mesh.polygon(corners, outlined=True)
@@ -304,7 +304,7 @@ class Frustum(WallShape):
         return Mesh.turned(((r0, z0), (r1, z1)), AROUND)
 
     @property
-    def pane(self) -> bool:
+    def is_transparent(self) -> bool:
         """True of sides and cones, false of level plates."""
         return self.lower[1] != self.upper[1]
 

@@ -57,10 +57,10 @@ class Equivalence:
         beyond = self.low > self.margin or self.high < -self.margin
         return "different" if beyond else "undecided"
 
-    def over(self, scale: float) -> "Equivalence":
+    def relative_to(self, scale: float) -> "Equivalence":
         """Express difference, error, margin and interval as parts of `scale`, which is positive."""
-        parts = {name: getattr(self, name) / scale for name in ("difference", "error", "margin", "low", "high")}
-        return replace(self, **parts)
+        scaled = {name: getattr(self, name) / scale for name in ("difference", "error", "margin", "low", "high")}
+        return replace(self, **scaled)
 
 
 def tost(

@@ -59,7 +59,7 @@ def setting_for(band: Band, low: float, high: float, target: float) -> Setting:
     Raises:
         NoSetting: The value is not reached within the range, or at several settings.
     """
-    places = np.linspace(low, high, _PLACES)
+    grid = np.linspace(low, high, _PLACES)
 
     def beyond(x: np.ndarray) -> np.ndarray:
         return band(x)[0] - target
@@ -69,28 +69,28 @@ def setting_for(band: Band, low: float, high: float, target: float) -> Setting:
         _, lower, upper = band(x)
         return np.minimum(target - lower, upper - target)
 
-    off = beyond(places)
+    off = beyond(grid)
     # a grid, and not a bracketing search: that would return one of several settings without a word
     crossings = np.flatnonzero(np.diff(np.sign(off)) != 0)
-    reach = float(off.min() + target), float(off.max() + target), float(places[np.argmin(np.abs(off))])
+    reach = float(off.min() + target), float(off.max() + target), float(grid[np.argmin(np.abs(off))])
     if len(crossings) == 0:
         raise NoSetting("the value is not reached within the range", *reach)
     if len(crossings) > 1 and off[crossings[1]] != 0:  # a zero at a place of the grid changes the sign twice
         raise NoSetting(f"{len(crossings)} settings give the value", *reach, several=True)
-    root = _zero(beyond, *places[crossings[0] :][:2].tolist())
+    root = _zero(beyond, *grid[crossings[0] :][:2].tolist())
     # Fieller: an end of the interval is the place where the band, and not the mean, crosses the target
-    outside = inside(places) < 0
-    below, above = np.flatnonzero(outside & (places < root)), np.flatnonzero(outside & (places > root))
-    first = _zero(inside, places[below[-1]], min(places[below[-1] + 1], root)) if len(below) else -math.inf
-    last = _zero(inside, max(places[above[0] - 1], root), places[above[0]]) if len(above) else math.inf
+    outside = inside(grid) < 0
+    below, above = np.flatnonzero(outside & (grid < root)), np.flatnonzero(outside & (grid > root))
+    first = _zero(inside, grid[below[-1]], min(grid[below[-1] + 1], root)) if len(below) else -math.inf
+    last = _zero(inside, max(grid[above[0] - 1], root), grid[above[0]]) if len(above) else math.inf
     return Setting(root, first, last)
 
 
 def _zero(function: Callable[[np.ndarray], np.ndarray], start: Any, end: Any) -> float:
     """Find the zero of a function whose sign changes between start and end, linear between fine places."""
-    places = np.linspace(start, end, _FINE)
-    values = function(places)
+    grid = np.linspace(start, end, _FINE)
+    values = function(grid)
     index = int(np.argmax(np.sign(values) != np.sign(values[0]))) - 1
     rise = values[index + 1] - values[index]
-    part = np.clip(-values[index] / rise, 0, 1) if rise else 0.0
-    return float(places[index] + part * (places[index + 1] - places[index]))
+    fraction = np.clip(-values[index] / rise, 0, 1) if rise else 0.0
+    return float(grid[index] + fraction * (grid[index + 1] - grid[index]))

@@ -131,12 +131,12 @@ class Polynomial:
         """
         fixed = np.array(settings, float)
         fixed[factor] = 0.0
-        slope, rest = self.hull[:, factor], self.hull[:, :-1] @ fixed + self.hull[:, -1]
+        slope, offset = self.hull[:, factor], self.hull[:, :-1] @ fixed + self.hull[:, -1]
         flat = np.abs(slope) < _EDGE
-        ends = -rest[~flat] / slope[~flat]
+        ends = -offset[~flat] / slope[~flat]
         low = max(ends[slope[~flat] < 0], default=-math.inf)
         high = min(ends[slope[~flat] > 0], default=math.inf)
-        return (low, high) if (rest[flat] <= _EDGE).all() and high - low > -_EDGE else None
+        return (low, high) if (offset[flat] <= _EDGE).all() and high - low > -_EDGE else None
 
     def shares(self, trends: Mapping[int, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Compute the parts of the variance over the range that each setting explains alone, and all together.
@@ -156,7 +156,7 @@ class Polynomial:
         root = np.linalg.cholesky(self.covariance + 1e-14 * np.trace(self.covariance) * np.eye(len(self.covariance)))
         wide = np.sqrt(self.freedom / rng.chisquare(self.freedom, _DRAWS))[:, None]
         draws = self.coefficients + wide * (rng.standard_normal((_DRAWS, len(root))) @ root.T)
-        best, random = (self._parts(sets, trends) for sets in (self.coefficients[None], draws))
+        best, random = (self._terms(sets, trends) for sets in (self.coefficients[None], draws))
         low, high = np.quantile(random, [0.025, 0.975], axis=0)
         # a squared coefficient exceeds its true value by its variance on average: the mean of the draws is as far above
         # the estimate as that is above the truth
@@ -165,7 +165,7 @@ class Polynomial:
         low, high = (np.clip(end, 0.0, 1.0) for end in ends)
         return np.clip(value, low, high), low, high
 
-    def _parts(self, coefficients: np.ndarray, trends: Mapping[int, np.ndarray]) -> np.ndarray:
+    def _terms(self, coefficients: np.ndarray, trends: Mapping[int, np.ndarray]) -> np.ndarray:
         """Parts of the variance for each of m vectors of coefficients, shape [m, k + 1]."""
         involved = (self.degrees > 0).sum(axis=1)
         squares = np.zeros((len(coefficients), self.degrees.shape[1] + 1))
@@ -223,9 +223,9 @@ class Polynomial:
 
 def legendre(function: Any, degree: int) -> np.ndarray:
     """Expand a function of u from -1 to 1 in orthonormal Legendre polynomials, from degree 1 to `degree`."""
-    places, weights = np.polynomial.legendre.leggauss(2 * degree)
-    values = function(places) * weights / 2
-    return np.array([values @ _orthonormal(places, order) for order in range(1, degree + 1)])
+    nodes, weights = np.polynomial.legendre.leggauss(2 * degree)
+    values = function(nodes) * weights / 2
+    return np.array([values @ _orthonormal(nodes, order) for order in range(1, degree + 1)])
 
 
 def _orthonormal(u: np.ndarray, degree: int) -> np.ndarray:

@@ -29,13 +29,13 @@ class Posterior:
     """Sets of parameters with their weights.
 
     Attributes:
-        places: Sets of parameters, shape [k, p].
+        parameter_sets: Sets of parameters, shape [k, p].
         weights: Weights, shape [k]; their sum is 1.
         density: Density of the posterior, up to a constant, shape [k].
-        cell: Extent of the grid cell about each place, shape [p]; 0 for samples.
+        cell: Extent of the grid cell about each set, shape [p]; 0 for samples.
     """
 
-    places: np.ndarray
+    parameter_sets: np.ndarray
     weights: np.ndarray
     density: np.ndarray
     cell: np.ndarray
@@ -43,41 +43,41 @@ class Posterior:
     @cached_property
     def mean(self) -> np.ndarray:
         """Mean, shape [p]."""
-        return self.weights @ self.places
+        return self.weights @ self.parameter_sets
 
     @cached_property
     def covariance(self) -> np.ndarray:
         """Covariance, shape [p, p]."""
-        off = self.places - self.mean
+        off = self.parameter_sets - self.mean
         # the variance of a uniform distribution over the cell comes on top of that between cells
         return (off * self.weights[:, None]).T @ off + np.diag(self.cell**2 / 12)
 
-    def quantiles(self, parts: np.ndarray) -> np.ndarray:
+    def quantiles(self, probabilities: np.ndarray) -> np.ndarray:
         """Compute quantiles of each parameter, for m probabilities: shape [m, p]."""
         columns = []
         for index, width in enumerate(self.cell):
-            values, inverse = np.unique(self.places[:, index], return_inverse=True)
+            values, inverse = np.unique(self.parameter_sets[:, index], return_inverse=True)
             mass = np.bincount(inverse, self.weights)
             if width:
                 edges = np.concatenate([values - width / 2, [values[-1] + width / 2]])
-                columns.append(np.interp(parts, np.concatenate([[0.0], np.cumsum(mass)]), edges))
+                columns.append(np.interp(probabilities, np.concatenate([[0.0], np.cumsum(mass)]), edges))
             else:
-                columns.append(np.interp(parts, np.cumsum(mass) - mass / 2, values))
+                columns.append(np.interp(probabilities, np.cumsum(mass) - mass / 2, values))
         return np.array(columns).T
 
     def samples(self, number: int, rng: np.random.Generator) -> np.ndarray:
         """Draw sets of parameters, shape [number, p]."""
         index = rng.choice(len(self.weights), number, p=self.weights)
-        return np.clip(self.places[index] + self.cell * rng.uniform(-0.5, 0.5, (number, len(self.cell))), 0, 1)
+        return np.clip(self.parameter_sets[index] + self.cell * rng.uniform(-0.5, 0.5, (number, len(self.cell))), 0, 1)
 
-    def region(self, part: float) -> np.ndarray:
+    def region(self, probability: float) -> np.ndarray:
         """Mark the places in the region of highest density that holds this part of the posterior, shape [k]."""
-        return self.density >= self.threshold(part)
+        return self.density >= self.threshold(probability)
 
-    def threshold(self, part: float) -> float:
+    def threshold(self, probability: float) -> float:
         """Compute the density at the edge of that region of highest density."""
         order = np.argsort(self.density)[::-1]
-        last = int(np.searchsorted(np.cumsum(self.weights[order]), part))
+        last = int(np.searchsorted(np.cumsum(self.weights[order]), probability))
         return float(self.density[order[min(last, len(order) - 1)]])
 
 
@@ -99,16 +99,16 @@ def _on_grid(log_likelihood: LogLikelihood, p: int) -> Posterior:
     for number in range(_PASSES):
         cell = (high - low) / n
         axes = [start + width * (np.arange(n) + 0.5) for start, width in zip(low, cell, strict=True)]
-        places = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
-        logs = log_likelihood(places)
+        parameter_sets = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+        logs = log_likelihood(parameter_sets)
         density = np.exp(logs - logs.max())
-        there = places[density > _NEGLIGIBLE]
+        there = parameter_sets[density > _NEGLIGIBLE]
         inner = np.maximum(there.min(axis=0) - cell, 0), np.minimum(there.max(axis=0) + cell, 1)
         narrower = ((inner[1] - inner[0]) < 0.7 * (high - low)).any()
         if number == _PASSES - 1 or not narrower:
             break
         low, high = inner
-    return Posterior(places, density / density.sum(), density, cell)
+    return Posterior(parameter_sets, density / density.sum(), density, cell)
 
 
 def _sampled(log_likelihood: LogLikelihood, p: int) -> Posterior:
@@ -117,9 +117,9 @@ def _sampled(log_likelihood: LogLikelihood, p: int) -> Posterior:
     except ImportError as missing:
         raise LearnMissing("emcee") from missing
 
-    def inside(places: np.ndarray) -> np.ndarray:
-        logs = log_likelihood(np.clip(places, 0, 1))
-        return np.where(((places >= 0) & (places <= 1)).all(axis=1), logs, -np.inf)
+    def inside(parameter_sets: np.ndarray) -> np.ndarray:
+        logs = log_likelihood(np.clip(parameter_sets, 0, 1))
+        return np.where(((parameter_sets >= 0) & (parameter_sets <= 1)).all(axis=1), logs, -np.inf)
 
     walkers = max(_WALKERS, 4 * p)
     rng = np.random.RandomState(1)  # emcee takes no Generator
@@ -129,6 +129,8 @@ def _sampled(log_likelihood: LogLikelihood, p: int) -> Posterior:
     sampler = emcee.EnsembleSampler(walkers, p, inside, vectorize=True)
     state = emcee.State(start, random_state=rng.get_state())
     sampler.run_mcmc(state, _BURN + _STEPS, skip_initial_state_check=True)
-    places = np.clip(np.asarray(sampler.get_chain(discard=_BURN, flat=True, thin=10)), 0, 1)
+    parameter_sets = np.clip(np.asarray(sampler.get_chain(discard=_BURN, flat=True, thin=10)), 0, 1)
     logs = np.asarray(sampler.get_log_prob(discard=_BURN, flat=True, thin=10))
-    return Posterior(places, np.full(len(places), 1 / len(places)), np.exp(logs - logs.max()), np.zeros(p))
+    return Posterior(
+        parameter_sets, np.full(len(parameter_sets), 1 / len(parameter_sets)), np.exp(logs - logs.max()), np.zeros(p)
+    )

@@ -127,8 +127,8 @@ class StoppingRule:
         if self.tolerance is None:
             return self.first
         numbers = np.arange(self.first, self.cap)  # without the cap, which is the answer if no smaller number suffices
-        enough = Tolerance(self.tolerance).within(self.widths(numbers) * scatter)
-        return int(numbers[np.argmax(enough)]) if enough.any() else self.cap
+        reaches_tolerance = Tolerance(self.tolerance).within(self.widths(numbers) * scatter)
+        return int(numbers[np.argmax(reaches_tolerance)]) if reaches_tolerance.any() else self.cap
 
     def widths(self, replicates: np.ndarray) -> np.ndarray:
         """Half widths of the interval of this rule over the standard deviation, by number of replicates."""

@@ -107,8 +107,8 @@ def hazard(values: np.ndarray, ended: np.ndarray, bins: int = 6) -> Hazard:
     edges = np.unique([0.0, *inner, values.max()])
     # exposure of a bin: each value counts by the part of it that lies in the bin
     passed = np.diff(np.minimum(values[:, None], edges[None, :]), axis=1).sum(axis=0)
-    place = np.clip(np.searchsorted(edges, ends, "left") - 1, 0, len(edges) - 2)
-    counts = np.bincount(place, minlength=len(edges) - 1)
+    bin_index = np.clip(np.searchsorted(edges, ends, "left") - 1, 0, len(edges) - 2)
+    counts = np.bincount(bin_index, minlength=len(edges) - 1)
     rates = tuple(rate(int(k), float(g)) for k, g in zip(counts, passed, strict=True))
     if len(rates) < 2:
         return Hazard(edges, rates, math.nan)
@@ -280,16 +280,16 @@ def tail_goodness(times: np.ndarray, ended: np.ndarray, tail: PowerTail, draws: 
         Probability of a tail farther from its fit than this one, if the power law holds.
     """
     inside = np.asarray(times, float) >= tail.t_min
-    above, over = np.asarray(times, float)[inside], np.asarray(ended, bool)[inside]
+    above, stopped = np.asarray(times, float)[inside], np.asarray(ended, bool)[inside]
 
     def distance(sample: np.ndarray) -> float:
-        function = _survival_function(sample, over)
-        return _distance(sample, over, tail.t_min, function.quantiles, function.probabilities)
+        function = _survival_function(sample, stopped)
+        return _distance(sample, stopped, tail.t_min, function.quantiles, function.probabilities)
 
     own, rng, farther = distance(above), np.random.default_rng(seed), 0
     for _ in range(draws):
         sample = above.copy()
-        sample[over] = tail.t_min * rng.random(tail.n) ** (-1 / (tail.alpha - 1))
+        sample[stopped] = tail.t_min * rng.random(tail.n) ** (-1 / (tail.alpha - 1))
         farther += distance(sample) >= own
     return farther / draws
 
@@ -319,12 +319,14 @@ def _best_cut(times: np.ndarray, ended: np.ndarray) -> float:
     """t_min [s] with the smallest distance between the tail and its power law."""
     observed = np.sort(times[ended & (times > 0)])
     candidates = np.unique(observed)
-    enough = candidates[len(observed) - np.searchsorted(observed, candidates) >= FEWEST_TIMES]
-    if not len(enough):
+    long_enough = candidates[len(observed) - np.searchsorted(observed, candidates) >= FEWEST_TIMES]
+    if not len(long_enough):
         few = len(observed)
         raise ValueError(f"{few} times were observed, and a power law needs {FEWEST_TIMES}; use longer or more runs")
     # by rank, not by time: the tail is sparse, and times of a power law span decades
-    cuts = enough[np.unique(np.linspace(0, len(enough) - 1, min(_CUTS, len(enough))).round().astype(int))]
+    cuts = long_enough[
+        np.unique(np.linspace(0, len(long_enough) - 1, min(_CUTS, len(long_enough))).round().astype(int))
+    ]
     function = _survival_function(times, ended)
 
     def distance(cut: float) -> float:

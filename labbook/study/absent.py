@@ -244,9 +244,9 @@ TABLE = (
 
 def absent(section: str, word: str) -> Absent | None:
     """The row for `word`, an unknown key within the dotted `section`, or an unknown value of the key `section`."""
-    place = re.sub(r"\[\d+\]", "[]", section) or "."
-    place = re.sub(r"^(walls|reference)\.[^.[]+", r"\1.*", place)
-    return _rows().get((place, plain(word)))
+    section_key = re.sub(r"\[\d+\]", "[]", section) or "."
+    section_key = re.sub(r"^(walls|reference)\.[^.[]+", r"\1.*", section_key)
+    return _rows().get((section_key, plain(word)))
 
 
 def plain(word: str) -> str:
@@ -258,7 +258,7 @@ def plain(word: str) -> str:
 def _rows() -> dict[tuple[str, str], Absent]:
     rows: dict[tuple[str, str], Absent] = {}
     for row in TABLE:
-        for place in row.at.split():
+        for section in row.at.split():
             for word in row.words.split():
-                rows.setdefault((place, word), row)
+                rows.setdefault((section, word), row)
     return rows

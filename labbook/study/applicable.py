@@ -88,9 +88,9 @@ def unfillable(source: StudyText, settings: Settings, points: Sequence[Point]) -
             if key not in reported:
                 reported.add(key)
                 at = f" (at {point.label})" if len(points) > 1 else ""
-                place = tuple(key.split("."))
-                for swept in (("sweep", key), ("sweep", "zip", key), place):
-                    if swept in source.lines or swept is place:
+                location = tuple(key.split("."))
+                for swept in (("sweep", key), ("sweep", "zip", key), location):
+                    if swept in source.lines or swept is location:
                         yield Problem(source.path, source.line(swept), key, reason + at, remedy)
                         break
 
@@ -158,8 +158,8 @@ def unadaptable(source: StudyText, settings: Settings, points: Sequence[Point]) 
     if settings.adapt is None or not points:
         return
     for fault in settings.adapt.obstacles(settings.measure, points):
-        place = ("adapt", *fault.key.split("."))
-        yield Problem(source.path, source.line(place), ".".join(place), fault.reason, fault.remedy)
+        location = ("adapt", *fault.key.split("."))
+        yield Problem(source.path, source.line(location), ".".join(location), fault.reason, fault.remedy)
 
 
 def undischarged(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
@@ -303,10 +303,10 @@ def _unfit(
         for (reason, remedy), at in wrong.items():
             raw = source.data.get(key)
             listed = (key, raw.index(name)) if isinstance(raw, list) and name in raw else (key,)
-            place = listed if raw else ("container", "kind")
+            location = listed if raw else ("container", "kind")
             rest = f" and {len(at) - 1} other point{'' if len(at) == 2 else 's'}" if len(at) > 1 else ""
             where = f" (at {at[0].label}{rest})" if len(at) < len(points) else ""
-            yield Problem(source.path, source.line(place), key, reason + where, remedy)
+            yield Problem(source.path, source.line(location), key, reason + where, remedy)
 
 
 def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene], is_statement: bool = False) -> str | Wrong:

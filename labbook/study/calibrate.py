@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from labbook.campaign import Calibrate, Measurement, Prior, place
+from labbook.campaign import Calibrate, Measurement, Prior, point_key
 from labbook.campaign.goal import CampaignBudget
 from labbook.measure import MEASURES
 from labbook.scene.quantities import parse
@@ -54,7 +54,7 @@ class CalibrateReader:
             remedy = "state discharges_per_bed as a number"
             self._problem((), "a calibration decides how many beds a point has, so that no number is cheapest", remedy)
         parameters = self._parameters(raw.get("parameters"))
-        discrepancy = self._part(raw.get("discrepancy"), ("discrepancy",), least=0.0)
+        discrepancy = self._fraction(raw.get("discrepancy"), ("discrepancy",), least=0.0)
         accuracy = self._accuracy(raw.get("accuracy", {}), parameters)
         predict = tuple(self._predict(raw.get("predict", [])))
         measurements = tuple(self._measurements(parameters, predict))
@@ -118,12 +118,12 @@ class CalibrateReader:
         if not isinstance(raw, Mapping):
             self._problem(("accuracy",), "a mapping of parameters is needed", "write {contact.friction: 5 %}")
             return {}
-        parts = {}
+        fractions = {}
         for key, entry in raw.items():
             if key not in parameters and not self.problems:
                 self._problem(("accuracy", key), "this is no parameter", f"name one of {', '.join(parameters)}")
-            parts[str(key)] = self._part(entry, ("accuracy", key), least=1e-4)
-        return parts
+            fractions[str(key)] = self._fraction(entry, ("accuracy", key), least=1e-4)
+        return fractions
 
     def _predict(self, raw: Any) -> Iterator[dict[str, float]]:
         if not isinstance(raw, list | tuple) or not all(isinstance(one, Mapping) and one for one in raw):
@@ -146,7 +146,7 @@ class CalibrateReader:
     ) -> Iterator[Measurement]:
         """Measured values of the reference that runs can have."""
         swept = list(dict.fromkeys(key for point in self._points for key in point.at))
-        withheld = {place(at) for at in predict}
+        withheld = {point_key(at) for at in predict}
         for entry in self._reference.entries if self._reference is not None else ():
             problem = self._unusable(entry, swept, parameters)
             if problem is not None:
@@ -154,7 +154,7 @@ class CalibrateReader:
                 continue
             at = {key: float(value) for key, value in entry.at.items() if key in swept}
             name, error = entry.quantity.rpartition(".")[2], entry.error or 0.0
-            yield Measurement(quantity=name, at=at, value=entry.value, error=error, withheld=place(at) in withheld)
+            yield Measurement(quantity=name, at=at, value=entry.value, error=error, withheld=point_key(at) in withheld)
 
     def _unusable(
         self, entry: ReferenceEntry, swept: Sequence[str], parameters: Mapping[str, Prior]
@@ -184,15 +184,15 @@ class CalibrateReader:
             return "it states a parameter of the calibration", "leave that key out"
         return None
 
-    def _part(self, raw: Any, place_of: Location, least: float) -> float:
+    def _fraction(self, raw: Any, place_of: Location, least: float) -> float:
         try:
-            part = parse(raw, "") if isinstance(raw, str) else float(raw)
+            fraction = parse(raw, "") if isinstance(raw, str) else float(raw)
         except (ValueError, TypeError):
-            part = math.nan
-        if not least <= part < 1:
+            fraction = math.nan
+        if not least <= fraction < 1:
             meaning = " (standard deviation between the model and reality, over the value)" * (place_of[0] == _KEYS[1])
             self._problem(place_of, f"a part from {least:g} to 1 is needed{meaning}", "write 3 %")
-        return part
+        return fraction
 
     def _batch(self, raw: Mapping[str, Any]) -> int | None:
         try:

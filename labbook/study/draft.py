@@ -55,7 +55,7 @@ class Draft:
         return [complaint for complaint in self._complaints if self._holds(complaint)]
 
     @property
-    def parts(self) -> tuple[Scene, Fill, Numerics] | None:
+    def validated(self) -> tuple[Scene, Fill, Numerics] | None:
         """Scene, filling and numerics; None if anything is wrong."""
         scene, fill, numerics = self._scene, self._fill, self._numerics
         if self._complaints or scene is None or fill is None or numerics is None:
@@ -148,9 +148,9 @@ class Draft:
 
     def _validated(self, model: type[Any], keys: Any, section: Location) -> Any:
         """`stated`, of the section `section`, as a `model`; None and complaints if it is none."""
-        part, wrong = self._attempt(model, keys, section)
+        instance, wrong = self._attempt(model, keys, section)
         self._complaints += wrong
-        return part
+        return instance
 
     def _attempt(self, model: type[Any], keys: Any, section: Location = ()) -> tuple[Any, list[Complaint]]:
         try:

@@ -68,8 +68,8 @@ def complaints(error: ValidationError, raw: Any, prefix: Location = ()) -> Itera
             continue
         location, discriminators = _location(detail["loc"], raw)
         beside: Any = raw
-        for part in location[:-1]:
-            beside = beside[part]
+        for step in location[:-1]:
+            beside = beside[step]
         beside = beside if isinstance(beside, Mapping) else {}
         all_complaints += _complain(detail, (*prefix, *location), discriminators, beside)
     misspelled = {complaint.target for complaint in all_complaints}
@@ -80,15 +80,15 @@ def _location(loc: tuple[int | str, ...], raw: Any) -> tuple[Location, frozenset
     """`loc` without the names of union members, and the choices (`kind: box`) that were passed on the way."""
     location: Location = ()
     choices: set[str] = set()
-    for part in loc:
+    for step in loc:
         if isinstance(raw, Mapping):
             tags = {str(raw[tag]): tag for tag in _TAGS if isinstance(raw.get(tag), str)}
-            if part not in raw and part in tags:
-                choices = {f"{tags[str(part)]}: {part}"}
+            if step not in raw and step in tags:
+                choices = {f"{tags[str(step)]}: {step}"}
                 continue
-            location, raw = (*location, part), raw.get(str(part))
-        elif isinstance(raw, list) and isinstance(part, int):
-            location, raw = (*location, part), raw[part] if part < len(raw) else None
+            location, raw = (*location, step), raw.get(str(step))
+        elif isinstance(raw, list) and isinstance(step, int):
+            location, raw = (*location, step), raw[step] if step < len(raw) else None
     return location, frozenset(choices)
 
 
@@ -100,8 +100,8 @@ def _complain(
     name = dotted(location)
     if kind == "impossible":
         for fault in context["faults"]:
-            place = (*location, *filter(None, fault.key.split(".")))  # of a whole section there is no key
-            yield Complaint(place, fault.reason, fault.remedy, clash=True)
+            target = (*location, *filter(None, fault.key.split(".")))  # of a whole section there is no key
+            yield Complaint(target, fault.reason, fault.remedy, clash=True)
     elif kind == "missing":
         yield Complaint(location, _MISSING, f"add it: {_rule(name, choices)}")
     elif kind == "extra_forbidden":
@@ -140,8 +140,8 @@ def _unknown_key(location: Location, choices: frozenset[str], beside: Mapping[st
         return Complaint(location, "unknown key", foreign.remedy, target=key if key and key[:-1] == section else None)
     elsewhere = ", ".join(choice for choice in choices_of(name) if choice not in choices)
     message = f"this key belongs to {elsewhere}" if elsewhere else "unknown key"
-    close = closest(leaf, names)
-    return Complaint(location, message, instead(leaf, names), target=(*section, close) if close else None)
+    match = closest(leaf, names)
+    return Complaint(location, message, instead(leaf, names), target=(*section, match) if match else None)
 
 
 def _unknown_choice(section: Location, context: Mapping[str, Any], value: Any) -> Iterator[Complaint]:

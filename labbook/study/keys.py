@@ -256,11 +256,11 @@ def _default(field: FieldInfo, unit: str | None) -> str | None:
 
 def _limits(metadata: list[Any]) -> str:
     """The narrowest range that `metadata` states; limits that only keep numbers finite are left out."""
-    flat = [part for mark in metadata for part in (getattr(mark, "metadata", None) or [mark])]
-    lows = [(float(part.gt), 1) for part in flat if isinstance(part, annotated_types.Gt)]  # pyright: ignore[reportArgumentType]
-    lows += [(float(part.ge), 0) for part in flat if isinstance(part, annotated_types.Ge)]  # pyright: ignore[reportArgumentType]
-    highs = [(float(part.lt), 0) for part in flat if isinstance(part, annotated_types.Lt)]  # pyright: ignore[reportArgumentType]
-    highs += [(float(part.le), 1) for part in flat if isinstance(part, annotated_types.Le)]  # pyright: ignore[reportArgumentType]
+    flat = [limit for mark in metadata for limit in (getattr(mark, "metadata", None) or [mark])]
+    lows = [(float(limit.gt), 1) for limit in flat if isinstance(limit, annotated_types.Gt)]  # pyright: ignore[reportArgumentType]
+    lows += [(float(limit.ge), 0) for limit in flat if isinstance(limit, annotated_types.Ge)]  # pyright: ignore[reportArgumentType]
+    highs = [(float(limit.lt), 0) for limit in flat if isinstance(limit, annotated_types.Lt)]  # pyright: ignore[reportArgumentType]
+    highs += [(float(limit.le), 1) for limit in flat if isinstance(limit, annotated_types.Le)]  # pyright: ignore[reportArgumentType]
     low, above = max(lows, default=(-math.inf, 1))
     high, included = min(highs, default=(math.inf, 1))
     if 0 < low <= NEGLIGIBLE:
@@ -359,10 +359,10 @@ def _of_another_section(name: str, names: Sequence[str]) -> str | None:
 def _resembling(name: str, names: Sequence[str]) -> str:
     """The remedy for a misspelled name."""
     leaf = name.rpartition(".")[2]
-    close = get_close_matches(name[:80], names, n=3, cutoff=0.6)
+    matches = get_close_matches(name[:80], names, n=3, cutoff=0.6)
     leaves = {known.rpartition(".")[2]: known for known in reversed(names)}
-    close += [leaves[near] for near in get_close_matches(leaf[:80], leaves, n=3, cutoff=0.7)]
-    nearby = list(dict.fromkeys(close))[:3]
+    matches += [leaves[near] for near in get_close_matches(leaf[:80], leaves, n=3, cutoff=0.7)]
+    nearby = list(dict.fromkeys(matches))[:3]
     if not nearby:
         return "write a key of docs/studies.md, such as contact.friction"
     if len(nearby) == 1 or SequenceMatcher(None, name, nearby[0]).ratio() > 0.8:

@@ -218,8 +218,8 @@ class Study:
     def __repr__(self) -> str:
         points = f"{len(self.points)} point{'' if len(self.points) == 1 else 's'}"
         swept = dict.fromkeys(name for point in self.points for name in point.at)
-        over = f" of {', '.join(swept)}" if swept else ""
-        return f"<Study {self.name}: {points}{over}; replicates: {self.replicates}>"
+        swept_keys = f" of {', '.join(swept)}" if swept else ""
+        return f"<Study {self.name}: {points}{swept_keys}; replicates: {self.replicates}>"
 
     def _repr_html_(self) -> str:
         return study_html(self.name, self.about, self.definition, self.points, self.replicates, self.discharges_per_bed)
@@ -336,9 +336,9 @@ def _at_top(key: str, data: dict[str, Any]) -> tuple[str, str]:
     foreign = habit(key, data[key], TOP_KEYS)
     if foreign is not None:
         return "unknown key", foreign.remedy
-    close = closest(key, TOP_KEYS)
-    if close:
-        return "unknown key", f"did you mean {close}?"
+    match = closest(key, TOP_KEYS)
+    if match:
+        return "unknown key", f"did you mean {match}?"
     elsewhere = any(known.name.rpartition(".")[2] == key for known in all_keys())
     return "unknown key", nearest(key) if elsewhere else instead(key, TOP_KEYS)
 

@@ -20,11 +20,11 @@ def study_html(
     discharges: int | str = 1,
 ) -> str:
     """The study as HTML: name, sentence, sweep and sections as they were written; the scene of the first point."""
-    counted = f"{_count(len(points), 'point')} × {_count(replicates, 'replicate')}"
+    size_text = f"{_count(len(points), 'point')} × {_count(replicates, 'replicate')}"
     if isinstance(discharges, int):
-        counted += f" × {_count(discharges, 'discharge')}" if discharges > 1 else ""
-        counted += f" = {_count(len(points) * replicates * discharges, 'run')}"
-    rows = [("points", counted), *_swept(definition)]
+        size_text += f" × {_count(discharges, 'discharge')}" if discharges > 1 else ""
+        size_text += f" = {_count(len(points) * replicates * discharges, 'run')}"
+    rows = [("points", size_text), *_swept(definition)]
     rows += [(key, _spelled(value)) for key, value in definition.items() if key not in _LEFT_OUT]
     lines = "".join(
         f'<tr><th style="text-align:left;vertical-align:top">{escape(key)}</th>'

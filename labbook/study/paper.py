@@ -127,6 +127,6 @@ def none_such(quantity: str, candidates: Iterable[str]) -> Wrong:
     head, _, tail = quantity.partition(".")
     names = list(candidates)
     alike = bool(names) and all(name.startswith(f"{head}.") for name in names)
-    close = closest(tail, [name.partition(".")[2] for name in names]) if alike else closest(quantity, names)
-    remedy = f"did you mean {head}.{close}?" if alike and close else instead("" if alike else quantity, names)
+    match = closest(tail, [name.partition(".")[2] for name in names]) if alike else closest(quantity, names)
+    remedy = f"did you mean {head}.{match}?" if alike and match else instead("" if alike else quantity, names)
     return Wrong(f"{quote(quantity)} is neither measured nor fitted in this study", remedy)

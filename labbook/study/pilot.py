@@ -65,17 +65,19 @@ def first_needed(study: Study) -> Study | None:
     for point in study.points:
         if point.wants_pilot and (here := groups(point.scene, 1.0, 1.0)) is not None:
             kinds.setdefault((here.shape, here.outlet, here.law), []).append(point)
-    places = [point for points in kinds.values() for point in _spread(points)]
-    return _pilot(study, places, STEPS_SEEDS, STEPS) if places else None
+    pilot_points = [point for points in kinds.values() for point in _spread(points)]
+    return _pilot(study, pilot_points, STEPS_SEEDS, STEPS) if pilot_points else None
 
 
 def _spread(points: Sequence[Point]) -> list[Point]:
     """The first, the middle and the last of several points; all of three or fewer."""
-    return [points[place] for place in sorted({0, len(points) // 2, len(points) - 1})]
+    return [points[index] for index in sorted({0, len(points) // 2, len(points) - 1})]
 
 
-def _pilot(study: Study, places: list[Point], seeds: int, settings: Sequence[tuple[float, float, float]]) -> Study:
-    points = [{**_at(point), **numerics} for numerics in _numerics(places, settings) for point in places]
+def _pilot(
+    study: Study, pilot_points: list[Point], seeds: int, settings: Sequence[tuple[float, float, float]]
+) -> Study:
+    points = [{**_at(point), **numerics} for numerics in _numerics(pilot_points, settings) for point in pilot_points]
     sections = {key: study.definition[key] for key in _SHARED if key in study.definition}
     if not (study.window.timed or study.fed):  # with its points alone the window could be another one
         sections["window"] = {"start": study.window.opening, "end": study.window.end}
@@ -103,12 +105,12 @@ def _at(point: Point) -> Mapping[str, Any]:
 def _numerics(points: list[Point], settings: Sequence[tuple[float, float, float]]) -> list[Mapping[str, str]]:
     """The settings, with one step for all points, so that they can share beds."""
     numerics = []
-    for scale, part, filled in settings:
+    for scale, relative, filled in settings:
         flow, bed = (min(_stable(point, s) for point in points) for s in (scale, filled))
         numerics.append(
             {
                 "numerics.stiffness_scale": f"{scale:g}",
-                "numerics.dt": f"{part * flow * 1e6:.6g} us",
+                "numerics.dt": f"{relative * flow * 1e6:.6g} us",
                 "fill.numerics.stiffness_scale": f"{filled:g}",
                 "fill.numerics.dt": f"{0.66 * bed * 1e6:.6g} us",
             }

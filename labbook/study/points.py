@@ -73,9 +73,9 @@ class PointReader:
         draft = Draft(_assign(self._source.data, assignment), self._source.beside)
         for complaint in draft.complaints:
             self._note(complaint, assignment, label)
-        if draft.parts is None:
+        if draft.validated is None:
             return None
-        scene, fill, numerics = draft.parts
+        scene, fill, numerics = draft.validated
         choice, unmet = self._choose(scene, fill, draft.numerics_keys, numerics)
         if choice is not None:
             choices = {key: getattr(choice, key) for key in ("dt", "stiffness_scale", "precision")}

@@ -23,9 +23,9 @@ class Problem:
     remedy: str
 
     def __str__(self) -> str:
-        place = f"{self.file}:{self.line}" if self.line else str(self.file)
+        location = f"{self.file}:{self.line}" if self.line else str(self.file)
         key = f"{self.key}: " if self.key else ""
-        return f"{place}: {key}{self.message}\n    remedy: {self.remedy}"
+        return f"{location}: {key}{self.message}\n    remedy: {self.remedy}"
 
 
 class StudyError(Exception):
@@ -42,9 +42,9 @@ class StudyError(Exception):
 def instead(word: str, candidates: Iterable[str]) -> str:
     """The remedy for an unknown word: the known one that it resembles, else all that are known."""
     names = sorted(candidates)
-    close = closest(word, names)
-    if close:
-        return f"did you mean {close}?"
+    match = closest(word, names)
+    if match:
+        return f"did you mean {match}?"
     return f"known here: {', '.join(names)}" if names else "leave it out"
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from labbook.campaign import Assignment, place
+from labbook.campaign import Assignment, point_key
 from labbook.scene.quantities import DIGITS, parse
 from labbook.study.keys import find
 from labbook.study.load import Study
@@ -27,13 +27,13 @@ def with_points(study: Study, assignments: Sequence[Assignment]) -> Study:
     Raises:
         StudyError: A point cannot be.
     """
-    by_place = {place(point.at): point for point in study.points}
-    new = [assignment for assignment in assignments if place(assignment.at) not in by_place]
+    by_place = {point_key(point.at): point for point in study.points}
+    new = [assignment for assignment in assignments if point_key(assignment.at) not in by_place]
     all_points = by_place | {
-        place(assignment.at): point for assignment, point in zip(new, _read(study, new), strict=True)
+        point_key(assignment.at): point for assignment, point in zip(new, _read(study, new), strict=True)
     }
     points = (
-        replace(all_points[place(assignment.at)], index=index, replicates=assignment.replicates)
+        replace(all_points[point_key(assignment.at)], index=index, replicates=assignment.replicates)
         for index, assignment in enumerate(assignments)
     )
     return replace(study, points=tuple(points))

@@ -87,7 +87,7 @@ def parsed(path: Path, text: str) -> tuple[dict[str, Any], dict[Location, int]]:
 
 def text_of_keys(definition: Mapping[str, Any], keys: Mapping[str, Any]) -> StudyText:
     """A study given in Python, as a dict and by name. Raises StudyError for what a study cannot hold."""
-    giver = _Giver(_place({**definition, **keys}))
+    giver = _Giver(_stand_in_path({**definition, **keys}))
     for key in sorted({*map(str, definition)} & {*keys}):
         giver.problem((key,), "given twice", "keep one of the two")
     return giver.source({**definition, **keys})
@@ -107,7 +107,7 @@ def changed(definition: Mapping[str, Any], changes: Mapping[str, Any], beside: S
     Raises:
         StudyError: A change contradicts another one or has no effect.
     """
-    giver = _Giver(_place({**definition, **changes}))
+    giver = _Giver(_stand_in_path({**definition, **changes}))
     data = dict(definition)
     changes = giver.keyed(changes, ())
     for key in changes:
@@ -137,7 +137,7 @@ def as_yaml(definition: Mapping[str, Any]) -> str:
     return text.getvalue()
 
 
-def _place(data: Mapping[str, Any]) -> Path:
+def _stand_in_path(data: Mapping[str, Any]) -> Path:
     """Name in place of the file, for messages on a study made in Python."""
     name = data.get("name")
     return Path(f"study {name}" if isinstance(name, str) and re.fullmatch(r"[\w-]{1,80}", name) else "study")
@@ -150,10 +150,10 @@ def _put(data: dict[str, Any], key: str, value: Any, giver: "_Giver") -> None:
         first, rest = (["sweep", "zip"], key.removeprefix("sweep.zip.")) if sections[1:2] == ["zip"] else (
             ["sweep"], key.removeprefix("sweep."))  # fmt: skip
         sections, leaf = first, rest
-    for place, section in enumerate(sections):
+    for index, section in enumerate(sections):
         below = data.get(section, {})
         if not isinstance(below, Mapping):
-            section_name = ".".join(sections[: place + 1])
+            section_name = ".".join(sections[: index + 1])
             giver.problem((key,), f"{section_name} is not a section with keys", f"give {section_name} as a whole")
             return
         data[section] = dict(below)
@@ -310,8 +310,8 @@ def _deep(text: str) -> int:
 
 def _yaml_remedy(text: str, line: int) -> str:
     if (strange := _CONTROL.search(text)) is not None:
-        place = text.count("\n", 0, strange.start()) + 1
-        return f"remove the character {ord(strange[0]):#04x} on line {place}: it is not allowed in text"
+        line_number = text.count("\n", 0, strange.start()) + 1
+        return f"remove the character {ord(strange[0]):#04x} on line {line_number}: it is not allowed in text"
     lines = text.splitlines()
     near = lines[max(line - 2, 0) : line]
     if any("\t" in candidate for candidate in near):

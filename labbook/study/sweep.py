@@ -56,10 +56,10 @@ class Sweep:
             *([{key: value} for value in values] for key, values in grid.items()),
         ]
         if self.size > MAX_POINTS:
-            place = ("sweep",) if "sweep" in source.data else ("points",)
+            location = ("sweep",) if "sweep" in source.data else ("points",)
             memory = f"a plan of them takes about {quote(f'{self.size * BYTES / 1e9:.3g}')} GB of memory"
             message = f"{quote(str(self.size))} points are more than {MAX_POINTS}; {memory}"
-            self._problem(place, message, "sweep fewer values, or split the study")
+            self._problem(location, message, "sweep fewer values, or split the study")
 
     @property
     def size(self) -> int:
@@ -81,16 +81,16 @@ class Sweep:
         return grid, zipped
 
     def _zip(self, raw: Any) -> list[Assignment]:
-        place = ("sweep", "zip")
-        if not self._filled_mapping(raw, place):
+        location = ("sweep", "zip")
+        if not self._filled_mapping(raw, location):
             return []
-        swept = [key for key in raw if self._may_vary(key, (*place, key))]
-        columns = {key: self._values(raw[key], (*place, key), distinct=False) for key in swept}
+        swept = [key for key in raw if self._may_vary(key, (*location, key))]
+        columns = {key: self._values(raw[key], (*location, key), distinct=False) for key in swept}
         columns = {key: values for key, values in columns.items() if values}
         lengths = {key: len(values) for key, values in columns.items()}
         if len(set(lengths.values())) > 1:
             counts = ", ".join(f"{quote(key)}: {n}" for key, n in lengths.items())
-            self._problem(place, f"zipped lists differ in length ({counts})", "give each the same number of values")
+            self._problem(location, f"zipped lists differ in length ({counts})", "give each the same number of values")
             self.wrong.update(columns)
             return []
         return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
@@ -105,61 +105,65 @@ class Sweep:
             return []
         listed: list[Assignment] = []
         for index, point in enumerate(raw):
-            place = ("points", index)
-            if not self._filled_mapping(point, place):
+            location = ("points", index)
+            if not self._filled_mapping(point, location):
                 continue
-            keys = [key for key in point if self._may_vary(key, (*place, key))]
-            assignment = {key: value for key in keys if (value := self._value(point[key], (*place, key))) is not None}
+            keys = [key for key in point if self._may_vary(key, (*location, key))]
+            assignment = {
+                key: value for key in keys if (value := self._value(point[key], (*location, key))) is not None
+            }
             if assignment:
                 listed.append(assignment)
         return listed
 
-    def _values(self, raw: Any, place: Location, distinct: bool = True) -> list[Value]:
+    def _values(self, raw: Any, location: Location, distinct: bool = True) -> list[Value]:
         """The values of one key: a YAML list, or `[15, 30] deg` in quotes."""
-        line = self._source.line(place)
+        line = self._source.line(location)
         match = _LIST.fullmatch(raw) if isinstance(raw, str) else None
         values: list[Value | None]
         if match is not None:
             body, unit = match.groups()
             items = [item.strip() for item in body.split(",")] if body.strip() else []
-            values = [_value(_scalar(f"{item} {unit}".strip()), place, line) for item in items]
+            values = [_value(_scalar(f"{item} {unit}".strip()), location, line) for item in items]
         elif isinstance(raw, list):
-            values = [self._value(item, (*place, index)) for index, item in enumerate(raw)]
+            values = [self._value(item, (*location, index)) for index, item in enumerate(raw)]
         else:
-            self._problem(place, "a sweep needs a list of values", 'write a list, or "[15, 30] deg" in quotes')
+            self._problem(location, "a sweep needs a list of values", 'write a list, or "[15, 30] deg" in quotes')
             return []
         if not values:
-            self._problem(place, "the list is empty: nothing is swept", "list at least one value, or leave the key out")
+            self._problem(
+                location, "the list is empty: nothing is swept", "list at least one value, or leave the key out"
+            )
         distinct_values: dict[str, Value] = {}
         accepted: list[Value] = []
         for value in filter(None, values):
             if distinct and repr(value.raw) in distinct_values:
                 message = f"{value.text} is listed twice"
-                self.problems.append(self._at(value.line, place, message, "list each value once"))
+                self.problems.append(self._at(value.line, location, message, "list each value once"))
                 continue
             distinct_values[repr(value.raw)] = value
             accepted.append(value)
         return accepted
 
-    def _value(self, raw: Any, place: Location) -> Value | None:
+    def _value(self, raw: Any, location: Location) -> Value | None:
         if isinstance(raw, str | int | float | bool):
-            return _value(raw, place, self._source.line(place))
-        self._problem(place, "a single value is needed here", "write a quantity, a number or a word")
+            return _value(raw, location, self._source.line(location))
+        self._problem(location, "a single value is needed here", "write a quantity, a number or a word")
         return None
 
-    def _may_vary(self, key: str, place: Location) -> bool:
+    def _may_vary(self, key: str, location: Location) -> bool:
         matches = find(key)
         if not matches:
             inside: Any = self._source.data
-            for part in place:
+            for part in location:
                 inside = inside[part]
             dotted_keys = (
                 [f"{key}.{name}" for name in inside if find(f"{key}.{name}")] if isinstance(inside, dict) else []
             )
             remedy = f"write dotted keys, such as {dotted_keys[0]}: ..." if dotted_keys else nearest(key)
-            self._problem(place, "there is no such key", remedy)
+            self._problem(location, "there is no such key", remedy)
         elif not any(known.sweepable for known in matches):
-            self._problem(place, "this key cannot vary within a study", "state it once, or write two studies")
+            self._problem(location, "this key cannot vary within a study", "state it once, or write two studies")
         else:
             return True
         return False
@@ -169,28 +173,28 @@ class Sweep:
         for key in sorted({*grid} & in_zip):
             self._problem(("sweep", key), "is swept twice: here and in zip", "keep one of the two")
         for key in sorted(({*grid} | in_zip) & in_points):
-            place = ("sweep", key) if key in grid else ("sweep", "zip", key)
-            self._problem(place, "is swept here and listed in points", "keep one of the two")
+            location = ("sweep", key) if key in grid else ("sweep", "zip", key)
+            self._problem(location, "is swept here and listed in points", "keep one of the two")
 
-    def _filled_mapping(self, raw: Any, place: Location) -> bool:
+    def _filled_mapping(self, raw: Any, location: Location) -> bool:
         if isinstance(raw, dict) and raw:
             return True
         message = "is empty: nothing is swept" if raw in ({}, None, []) else "a mapping of keys is needed"
-        values = "30 mm" if place[0] == "points" else "[20 mm, 30 mm]"
-        self._problem(place, message, f"write for example `container.orifice: {values}`, or leave it out")
+        values = "30 mm" if location[0] == "points" else "[20 mm, 30 mm]"
+        self._problem(location, message, f"write for example `container.orifice: {values}`, or leave it out")
         return False
 
-    def _problem(self, place: Location, message: str, remedy: str) -> None:
-        self.problems.append(self._at(self._source.line(place), place, message, remedy))
+    def _problem(self, location: Location, message: str, remedy: str) -> None:
+        self.problems.append(self._at(self._source.line(location), location, message, remedy))
 
-    def _at(self, line: int, place: Location, message: str, remedy: str) -> Problem:
-        self.wrong.update(part for part in place if isinstance(part, str))
-        return Problem(self._source.path, line, quote(dotted(place)), message, remedy)
+    def _at(self, line: int, location: Location, message: str, remedy: str) -> Problem:
+        self.wrong.update(part for part in location if isinstance(part, str))
+        return Problem(self._source.path, line, quote(dotted(location)), message, remedy)
 
 
-def _value(raw: str | int | float | bool, place: Location, line: int) -> Value:
-    """A value as it is written at `place`, below its key."""
-    key = next(part for part in reversed(place) if isinstance(part, str))
+def _value(raw: str | int | float | bool, location: Location, line: int) -> Value:
+    """A value as it is written at `location`, below its key."""
+    key = next(part for part in reversed(location) if isinstance(part, str))
     if any(known.type == "integer" for known in find(key)):
         raw = whole(raw)
     rounded = _rounded(raw)

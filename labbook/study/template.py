@@ -15,7 +15,7 @@ class NotWritten(Exception):
 
 
 @dataclass(frozen=True)
-class Parts:
+class TemplateValues:
     """Parts of a template that depend on the container.
 
     Args:
@@ -77,7 +77,7 @@ sweep:
 """
 
 KINDS = {
-    "wedge-hopper": Parts(
+    "wedge-hopper": TemplateValues(
         about="Flow rate of a quasi-2D hopper against the width of its outlet",
         count=1000,
         wall="front",
@@ -90,7 +90,7 @@ container: {kind: wedge-hopper, width: 60 mm, height: 200 mm, thickness: 1.01 d,
         window=_flow("45", "50", "beverloo, janda"),
         reference="beverloo.k: {value: 1.5, error: 0.1}",
     ),
-    "cylinder-silo": Parts(
+    "cylinder-silo": TemplateValues(
         about="Flow rate of a flat-bottomed cylinder against the diameter of its outlet",
         count=7000,
         wall="side",
@@ -102,7 +102,7 @@ container: {kind: cylinder-silo, diameter: 46 mm, height: 200 mm, orifice: 18 mm
         window=_flow("45", "50", "beverloo_3d, janda_3d"),
         reference="beverloo_3d.k: {value: 1.5, error: 0.1}",
     ),
-    "conical-silo": Parts(
+    "conical-silo": TemplateValues(
         about="Flow rate of a cylinder with a cone against the diameter of its outlet",
         count=3500,
         wall="bottom",
@@ -114,7 +114,7 @@ container: {kind: conical-silo, diameter: 36 mm, height: 200 mm, angle: 45 deg, 
         window=_flow("50", "55", "beverloo_3d, janda_3d"),
         reference="beverloo_3d.k: {value: 1.5, error: 0.1}",
     ),
-    "box": Parts(
+    "box": TemplateValues(
         about="Packing fraction in a box against the friction while it is filled",
         count=2000,
         wall="bottom",
@@ -127,7 +127,7 @@ container: {kind: box, width: 36 mm, depth: 36 mm, height: 120 mm, lid: false}
         reference="packing_fraction: {value: 0.6, error: 0.01}",
         start="rain",
     ),
-    "primitives": Parts(
+    "primitives": TemplateValues(
         about="Largest overlap in a bed round an insert against the friction while it is filled",
         count=2000,
         wall="insert",

@@ -36,50 +36,50 @@ def resolve(value: object, scene: Scene, stiffness_scale: float, closed: Scene |
     if closed is not None:
         limit = min(limit, largest_stable_step(closed.stiffened(stiffness_scale)))
     if value is None:
-        usual = _part_of_a_scale(scene.contact.usual_step, scaled, remedy)
+        usual = _multiple_of_a_scale(scene.contact.usual_step, scaled, remedy)
         assert usual is not None
         return min(usual, float(f"{WITHIN * limit:.6g}"))
     if isinstance(value, bool) or not isinstance(value, str):
         number = isinstance(value, int | float) and not isinstance(value, bool)
         raise TimeStepError("the unit is missing" if number else "a time is needed", remedy)
-    step = _part_of_a_scale(value, scaled, remedy)
+    step = _multiple_of_a_scale(value, scaled, remedy)
     if step is None:
         try:
             step = parse(value, "s", scene.grains.diameter)
         except ValueError as error:
             raise TimeStepError(str(error), remedy) from None
     if not 0 < step <= limit:
-        part = limit / collision(scaled)
+        multiple = limit / collision(scaled)
         step_text, limit_text = format_distinct(step, limit, of_limit=3)
         reason = f"a step of {step_text} s is not between 0 and {limit_text} s, above which beds do not come to rest"
-        remedy = f"use at most {_rounded_down(part):g} collision, or leave numerics.dt out"
+        remedy = f"use at most {_rounded_down(multiple):g} collision, or leave numerics.dt out"
         raise TimeStepError(reason, remedy, clash=True)
     return step
 
 
-def _rounded_down(part: float) -> float:
-    """`part` to two digits, never more than it."""
-    unit = 10.0 ** (math.floor(math.log10(part)) - 1)
-    return float(f"{math.floor(part / unit) * unit:.2g}")
+def _rounded_down(multiple: float) -> float:
+    """`multiple` to two digits, never more than it."""
+    unit = 10.0 ** (math.floor(math.log10(multiple)) - 1)
+    return float(f"{math.floor(multiple / unit) * unit:.2g}")
 
 
-def _part_of_a_scale(text: str, scene: Scene, remedy: str) -> float | None:
+def _multiple_of_a_scale(text: str, scene: Scene, remedy: str) -> float | None:
     """The step, or None if `stated` names no time scale."""
     match = _FRACTION.fullmatch(text)
     if match is None:
         return None
     number, name = match.groups()
     if name not in TIME_SCALES:
-        close = instead(name, TIME_SCALES)
-        if close.startswith("did"):
-            raise TimeStepError(f"no time scale is called {name}", close)
+        hint = instead(name, TIME_SCALES)
+        if hint.startswith("did"):
+            raise TimeStepError(f"no time scale is called {name}", hint)
         return None
     try:
-        part = parse(number, "")
+        multiple = parse(number, "")
     except ValueError as error:
         raise TimeStepError(str(error), remedy) from None
     try:
-        return float(f"{part * TIME_SCALES[name](scene):.6g}")
+        return float(f"{multiple * TIME_SCALES[name](scene):.6g}")
     except ValueError as error:
         raise TimeStepError(str(error), f"use {scene.contact.usual_step}", clash=True) from None
 

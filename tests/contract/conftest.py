@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stands import Bundled, sharing, stands, where
+from platforms import Bundled, platforms, sharing, where
 
 from labbook.backend import Checkpoint, Ensemble, Member
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, Probe, Table
-from labbook.checks.verify.stand import rows_of
+from labbook.checks.verify.platform import rows_of
 from labbook.checks.verify.symmetry import DT, hopper
 from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
@@ -23,15 +23,15 @@ STEPS = 250
 """Steps per beat of these tests."""
 
 
-def in_the_ring(stand: Bundled):
+def in_the_ring(platform: Bundled):
     """In its other precision a backend takes the contract in the ring, and on a GPU: most of the time goes into
     compiling the same kernels again. Verification takes both."""
-    found = where(stand)
-    return pytest.param(*found.values, id=found.id, marks=[*found.marks, *[pytest.mark.ring] * stand.second])
+    found = where(platform)
+    return pytest.param(*found.values, id=found.id, marks=[*found.marks, *[pytest.mark.ring] * platform.second])
 
 
-@pytest.fixture(scope="session", params=[in_the_ring(sharing(stand)) for stand in stands()])
-def stand(request) -> Bundled:
+@pytest.fixture(scope="session", params=[in_the_ring(sharing(platform)) for platform in platforms()])
+def platform(request) -> Bundled:
     return request.param
 
 
@@ -39,7 +39,7 @@ def stand(request) -> Bundled:
 class Silo:
     """A small hopper that is about to flow out, and how to open ensembles of it."""
 
-    stand: Bundled
+    platform: Bundled
     scene: Scene
     start: Packing
     crossing = Crossing()
@@ -48,10 +48,10 @@ class Silo:
     @property
     def rounding(self) -> float:
         """Relative rounding error of forces and velocities."""
-        return float(np.finfo(np.float32 if self.stand.precision == "mixed" else np.float64).eps)
+        return float(np.finfo(np.float32 if self.platform.precision == "mixed" else np.float64).eps)
 
     def numerics(self, dt: float = DT, **further: Any) -> Numerics:
-        return self.stand.numerics(dt, **{"steps_per_beat": STEPS, **further})
+        return self.platform.numerics(dt, **{"steps_per_beat": STEPS, **further})
 
     @contextmanager
     def ensemble(
@@ -60,11 +60,11 @@ class Silo:
         numerics: Numerics | None = None,
         probes: Sequence[Probe] = (Crossing(), Ledger()),
         slots: int | None = None,
-        stand: Bundled | None = None,
+        platform: Bundled | None = None,
     ) -> Iterator[Ensemble]:
-        backend = (stand or self.stand).backend
+        backend = (platform or self.platform).backend
         spec = backend.specialise(scene or self.scene, numerics or self.numerics(), probes)
-        ensemble = backend.open(spec, slots, self.stand.device)
+        ensemble = backend.open(spec, slots, self.platform.device)
         try:
             yield ensemble
         finally:
@@ -83,13 +83,13 @@ class Silo:
 
 
 @pytest.fixture(scope="session")
-def silo(stand) -> Silo:
+def silo(platform) -> Silo:
     """Grains that have fallen into the closed hopper and still move; the outlet is open."""
     closed = hopper().close()
-    numerics = stand.numerics(DT)
-    ensemble = stand.backend.open(stand.backend.specialise(closed, numerics, [Ledger()]), 1, stand.device)
+    numerics = platform.numerics(DT)
+    ensemble = platform.backend.open(platform.backend.specialise(closed, numerics, [Ledger()]), 1, platform.device)
     member = ensemble.admit(closed, numerics, place(closed, "gas", 1))
     ensemble.advance(4)
     fallen = ensemble.packing(member)
     ensemble.close()
-    return Silo(stand, hopper(), start_of_discharge(fallen, closed, hopper()))
+    return Silo(platform, hopper(), start_of_discharge(fallen, closed, hopper()))

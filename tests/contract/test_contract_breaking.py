@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from stands import identical
+from platforms import identical
 
-from labbook.checks.verify.stand import rows_of
+from labbook.checks.verify.platform import rows_of
 
 BEATS, AT = 16, 6
 V = np.array([0.02, 0.0, 0.03])

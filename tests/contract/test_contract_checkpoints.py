@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stands import identical
+from platforms import identical
 
-from labbook.checks.verify.stand import rows_of
+from labbook.checks.verify.platform import rows_of
 from labbook.filling import lifted
 
 BEATS = 12
@@ -136,11 +136,11 @@ def test_a_damaged_one_is_refused_before_anything_runs(silo, kind):
         member = silo.admit(ensemble)
         ensemble.advance(3)
         sound = ensemble.checkpoint(member)
-        backend, step = silo.stand.backend, ensemble.status(member).step
+        backend, step = silo.platform.backend, ensemble.status(member).step
         backend.verify(silo.scene, silo.numerics(), sound, step)
         with pytest.raises(ValueError, match="step"):
             backend.verify(silo.scene, silo.numerics(), sound, step + 1)
-        taken, older = [], silo.stand.older(sound.arrays)
+        taken, older = [], silo.platform.older(sound.arrays)
         for name, array in sound.arrays.items():
             changed = DAMAGES[kind](array)
             unread = name in UNREAD and kind in ("not finite", "out of range", "negative")
@@ -164,6 +164,6 @@ def test_a_damaged_one_is_refused_before_anything_runs(silo, kind):
 def test_it_is_made_of_plain_arrays(silo):
     with silo.ensemble() as ensemble:
         checkpoint = ensemble.checkpoint(silo.admit(ensemble))
-    assert checkpoint.backend == silo.stand.backend.capabilities.name
-    assert checkpoint.cache_version == silo.stand.backend.capabilities.cache_version
+    assert checkpoint.backend == silo.platform.backend.capabilities.name
+    assert checkpoint.cache_version == silo.platform.backend.capabilities.cache_version
     assert all(isinstance(a, np.ndarray) and a.dtype != object for a in checkpoint.arrays.values())

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from stands import identical, specialised
+from platforms import identical, specialised
 
 from labbook.backend import Emptied, Failed, Settled, Unsupported
 from labbook.backend.probes import Ledger
-from labbook.checks.verify.stand import grains_at
+from labbook.checks.verify.platform import grains_at
 from labbook.checks.verify.symmetry import DT, hopper
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, SurfaceMotion, Wall
 from labbook.scene.packing import Packing
@@ -187,7 +187,7 @@ def changed(scene, part, **values):
 
 
 def test_a_law_or_shape_that_it_lacks_is_refused_by_key(silo):
-    backend, numerics = silo.stand.backend, silo.numerics()
+    backend, numerics = silo.platform.backend, silo.numerics()
     for part, name in (("contact", "law"), ("grains", "shape")):
         with pytest.raises(Unsupported, match="no-such") as refused:
             backend.specialise(changed(silo.scene, part, **{name: "no-such"}), numerics)
@@ -200,11 +200,11 @@ def test_a_wall_that_it_lacks_is_refused(silo):
     wall = Wall.model_construct(name="odd", shape=shape, motion=SurfaceMotion())
     scene = silo.scene.model_copy(update={"container": Primitives().model_copy(update={"parts": (wall,)})})
     with pytest.raises(Unsupported, match="no-such"):
-        silo.stand.backend.specialise(scene, silo.numerics())
+        silo.platform.backend.specialise(scene, silo.numerics())
 
 
 def test_a_precision_that_it_lacks_is_refused(silo):
-    backend = silo.stand.backend
+    backend = silo.platform.backend
     numerics = silo.numerics().model_copy(update={"precision": "no-such"})
     with pytest.raises(Unsupported, match="no-such"):
         backend.specialise(silo.scene, numerics)
@@ -214,7 +214,7 @@ def test_a_precision_that_it_lacks_is_refused(silo):
 
 
 def test_a_device_that_is_not_there_is_an_error(silo):
-    backend = silo.stand.backend
+    backend = silo.platform.backend
     spec = backend.specialise(silo.scene, silo.numerics())
     with pytest.raises(Unsupported, match="no-such-device") as refused:
         backend.open(spec, device="no-such-device")
@@ -225,12 +225,15 @@ def test_a_member_that_needs_what_the_spec_has_not_is_refused(silo):
     linear = LinearSpringDashpot(normal_stiffness=1e4, friction=0.5, restitution=0.5)
     other = silo.scene.model_copy(update={"contact": linear})
     assert other.contact.law != silo.scene.contact.law
-    with silo.ensemble(stand=specialised(silo.stand)) as ensemble, pytest.raises(ValueError, match="kernels that"):
+    with (
+        silo.ensemble(platform=specialised(silo.platform)) as ensemble,
+        pytest.raises(ValueError, match="kernels that"),
+    ):
         ensemble.admit(other, silo.numerics(), silo.start)
 
 
 def test_values_are_no_part_of_the_spec(silo):
-    backend = silo.stand.backend
+    backend = silo.platform.backend
     spec = backend.specialise(silo.scene, silo.numerics())
     other = changed(changed(silo.scene, "grains", diameter=1e-3), "contact", friction=0.1, restitution=0.9)
     assert backend.specialise(other.model_copy(update={"gravity": 1.0}), silo.numerics(dt=1e-7)) == spec
@@ -240,7 +243,7 @@ def test_values_are_no_part_of_the_spec(silo):
 
 
 def test_capabilities_are_data(silo):
-    can = silo.stand.backend.capabilities
+    can = silo.platform.backend.capabilities
     assert isinstance(can.cache_version, int)
     assert can.shapes
     assert can.laws
@@ -250,7 +253,7 @@ def test_capabilities_are_data(silo):
 
 
 def test_the_description_has_numbers_for_the_catalogue(silo):
-    told = silo.stand.backend.describe(silo.scene, silo.numerics())
+    told = silo.platform.backend.describe(silo.scene, silo.numerics())
     assert told["restitution_asked"] == silo.scene.contact.restitution
     assert 0 < told["restitution_realised"] < 1
     assert told["damping_coefficient"] > 0

@@ -5,19 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stands import identical
+from platforms import identical
 
 from labbook.backend import Failed, Status
 from labbook.backend.probes import Ledger
 from labbook.checks.verify.collision import PHASES, duration, head_on
 from labbook.checks.verify.materials import D, G, floor, hertz, linear, room, scene
-from labbook.checks.verify.stand import MemberStart, grains_at
+from labbook.checks.verify.platform import MemberStart, grains_at
 from labbook.scene import Primitives
 
 BEATS, LEDGER = 6, Ledger()
 
 
-def test_an_elastic_impact_is_as_deep_as_its_energy_says(stand):
+def test_an_elastic_impact_is_as_deep_as_its_energy_says(platform):
     """All kinetic energy of the relative motion, m* u^2/2, is in the spring of Hertz, 8/15 E* sqrt(R*) delta^(5/2), at
     the largest overlap. A step of 1/400 of the impact samples that to some (pi/400)^2."""
     law, speed = hertz(restitution=1.0), 0.5
@@ -26,18 +26,18 @@ def test_an_elastic_impact_is_as_deep_as_its_energy_says(stand):
     energy, modulus = grains.mass / 4 * speed**2, law.shear_modulus / (1 - law.poisson_ratio)
     deepest = (energy * 15 / (8 * modulus * math.sqrt(grains.radius / 2))) ** 0.4
     dt = duration(glass, speed) / 400
-    motion = stand.run(MemberStart(glass, dt, head_on(speed, dt)), 10, 50, (LEDGER,))
+    motion = platform.run(MemberStart(glass, dt, head_on(speed, dt)), 10, 50, (LEDGER,))
     assert motion.rows(LEDGER)["max_overlap"][-1] == 0.0  # the pairs have parted
     assert motion.status.deepest == pytest.approx(deepest / D, rel=1e-4)
 
 
-def test_a_falling_grain_is_as_fast_as_its_height_says(stand):
+def test_a_falling_grain_is_as_fast_as_its_height_says(platform):
     """sqrt(2 g h); velocities are those of half steps, and the floor brakes only once it carries the weight."""
     height, dt = 10 * D, 5e-6
     falls = scene(1, linear(), Primitives(parts=(floor(),)), G)
     top = math.sqrt(2 * G * height)
     steps = math.ceil(1.5 * top / G / dt)  # it has bounced by then, and is slower
-    motion = stand.run(
+    motion = platform.run(
         MemberStart(falls, dt, grains_at([0.0, 0.0, height + D / 2], [0.0, 0.0, 0.0])), steps // 500, 500, ()
     )
     assert np.linalg.norm(motion.end.v) < 0.5 * top
@@ -101,7 +101,7 @@ def test_a_checkpoint_that_tells_nothing_of_them_leaves_them_unknown(silo):
         member = silo.admit(ensemble)
         ensemble.advance(2)
         checkpoint = ensemble.checkpoint(member)
-        older = silo.admit(ensemble, replace(checkpoint, arrays=silo.stand.older(checkpoint.arrays)))
+        older = silo.admit(ensemble, replace(checkpoint, arrays=silo.platform.older(checkpoint.arrays)))
         ensemble.advance(2)
         again = silo.admit(ensemble, ensemble.checkpoint(older))
         for one in (older, again):

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from stands import identical
+from platforms import identical
 
 from labbook.backend import Member
 from labbook.backend.probes import Crossing, Ledger
 from labbook.checks.verify.mixture import graded_hopper
-from labbook.checks.verify.stand import rows_of
+from labbook.checks.verify.platform import rows_of
 from labbook.checks.verify.symmetry import DT
 from labbook.filling import Feeder, Refill, place, refill, start_of_discharge
 from labbook.scene import BedTop, CylinderSilo, Feed, LinearSpringDashpot, Packing, Scene, Spherocylinders
@@ -118,7 +118,7 @@ def test_a_grain_that_is_put_back_falls_and_the_others_do_not_know(silo):
         inside = np.setdiff1d(alone.ids[alone.x[:, 2] > 0], away)
         assert len(inside) > len(silo.start) / 2
         a, b = now.rows(inside), alone.rows(inside)
-        if silo.stand.precision == "double":
+        if silo.platform.precision == "double":
             assert all(np.array_equal(getattr(now, n)[a], getattr(alone, n)[b]) for n in MOTION)
         else:  # in single precision a law may round by where in a register a contact stands, which lists decide
             assert np.allclose(now.x[a], alone.x[b], rtol=0, atol=1e-3 * silo.scene.grains.diameter)
@@ -126,11 +126,11 @@ def test_a_grain_that_is_put_back_falls_and_the_others_do_not_know(silo):
 
 def test_grains_that_were_not_there_at_the_start_join_it(silo):
     """As if they had been there: half of the grains start, and the others join them before the first step."""
-    every = silo.start.part(np.arange(len(silo.start)))
+    every = silo.start.subset(np.arange(len(silo.start)))
     first = np.arange(len(every)) % 2 == 0
     with silo.ensemble() as ensemble:
-        whole, joined = silo.admit(ensemble, every), silo.admit(ensemble, every.part(first))
-        ensemble.put_back(joined, every.part(~first))
+        whole, joined = silo.admit(ensemble, every), silo.admit(ensemble, every.subset(first))
+        ensemble.put_back(joined, every.subset(~first))
         ensemble.advance(1)
         a, b = ensemble.packing(whole), ensemble.packing(joined)
         assert np.array_equal(np.sort(a.ids), np.sort(b.ids))
@@ -265,15 +265,15 @@ def rods() -> Scene:
         pytest.param(rods(), 1e-5, id="rods", marks=pytest.mark.ring),  # kernels that no other test needs
     ],
 )
-def test_grains_come_back_as_what_they_were(stand, scene, dt):
+def test_grains_come_back_as_what_they_were(platform, scene, dt):
     """Grains of many sizes and kinds, and rods: none overlaps another or a wall where it is put."""
-    if stand.second:
+    if platform.second:
         pytest.skip("one precision of a backend is enough")
-    scene, numerics = scene.model_copy(update={"feed": FED}), stand.numerics(dt, steps_per_beat=500)
+    scene, numerics = scene.model_copy(update={"feed": FED}), platform.numerics(dt, steps_per_beat=500)
     closed = scene.close()
     start = start_of_discharge(place(closed, "gas", 1), closed, scene)
     fed = Feeder(scene, start, "gas", 1)
-    ensemble = stand.backend.open(stand.backend.specialise(scene, numerics, PROBES), 1, stand.device)
+    ensemble = platform.backend.open(platform.backend.specialise(scene, numerics, PROBES), 1, platform.device)
     try:
         member = ensemble.admit(scene, numerics, start)
         many = go_on(ensemble, member, fed, range(1, 30))

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stands import identical, specialised
+from platforms import identical, specialised
 
 from labbook.backend import Failed
 from labbook.backend.probes import Film, Sample
-from labbook.checks.verify.stand import rows_of
+from labbook.checks.verify.platform import rows_of
 from labbook.checks.verify.symmetry import DT
 
 BEATS, STEPS = 3, 250
@@ -76,9 +76,9 @@ def test_frames_within_beats_are_those_of_shorter_beats(silo):
 )
 def test_a_film_changes_no_bit_of_anything_else(silo, special):
     """Neither the motion, nor other tables (the ledger counts rebuilds of lists, too), nor the checkpoint."""
-    stand = specialised(silo.stand) if special else None
-    _, tables, state, checkpoint = filmed(silo, beats=8, stand=stand)
-    _, others, other, theirs = filmed(silo, beats=8, probes=(), stand=stand)
+    platform = specialised(silo.platform) if special else None
+    _, tables, state, checkpoint = filmed(silo, beats=8, platform=platform)
+    _, others, other, theirs = filmed(silo, beats=8, probes=(), platform=platform)
     for probe, table in tables.items():
         assert identical(table, others[probe])
     assert identical(state, other)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from labbook_dem.features import ALWAYS
 from labbook_dem.walls import WALLS
-from stands import specialised
+from platforms import specialised
 
 from labbook.backend.probes import Contacts
 from labbook.checks.verify.materials import D, G, hertz, linear
@@ -81,7 +81,7 @@ SCENES = {"free": free, "in a tube": in_a_tube, "on springs": on_springs, "over 
 
 @pytest.fixture
 def sharing(silo):
-    if not silo.stand.wide:
+    if not silo.platform.wide:
         pytest.skip("each scene has kernels of its own on this backend, in tests too, or there are none")
     return silo
 
@@ -93,10 +93,10 @@ def taken_from(silo, name: str) -> tuple[Scene, Packing]:
     return scene, crowd(scene)
 
 
-def moved(silo, stand, scene: Scene, start: Packing) -> tuple[Packing, bool]:
+def moved(silo, platform, scene: Scene, start: Packing) -> tuple[Packing, bool]:
     """Where the grains are after STEPS, and whether a wall was seen to push one."""
     numerics = silo.numerics(steps_per_beat=2)
-    with silo.ensemble(scene, numerics, (Contacts(),), 1, stand) as ensemble:
+    with silo.ensemble(scene, numerics, (Contacts(),), 1, platform) as ensemble:
         member = ensemble.admit(scene, numerics, start)
         assert not ensemble.advance(STEPS // 2)
         (contacts,) = ensemble.drain().values()
@@ -111,10 +111,12 @@ RARE = {*SCENES}
     "name", [pytest.param(name, marks=[pytest.mark.ring] * (name in RARE)) for name in ("silo", *SCENES)]
 )
 def test_they_move_grains_as_specialised_ones_do(sharing, name):
-    if name not in ("silo", "free") and sharing.stand.second:
+    if name not in ("silo", "free") and sharing.platform.second:
         pytest.skip("mixtures and rods are compared in one precision")
     scene, start = taken_from(sharing, name)
-    (wide, _), (own, at_a_wall) = (moved(sharing, s, scene, start) for s in (sharing.stand, specialised(sharing.stand)))
+    (wide, _), (own, at_a_wall) = (
+        moved(sharing, s, scene, start) for s in (sharing.platform, specialised(sharing.platform))
+    )
     # where all fell freely there would be nothing to see
     pushed = np.linalg.norm(own.v - start.v + [0, 0, scene.gravity * STEPS * DT], axis=1) > 0.01
     assert pushed.sum() > len(start) / 2
@@ -126,7 +128,7 @@ def test_they_move_grains_as_specialised_ones_do(sharing, name):
 
 
 def test_they_leave_out_every_feature(sharing):
-    numerics, backend = sharing.numerics(), specialised(sharing.stand).backend
+    numerics, backend = sharing.numerics(), specialised(sharing.platform).backend
     features = {name: backend.specialise(taken_from(sharing, name)[0], numerics) for name in ("silo", *SCENES)}
     out = {name: {switch for switch in ALWAYS if not spec.feature(switch)} for name, spec in features.items()}
     out = {name: switches | set(WALLS) - set(features[name].feature("walls")) for name, switches in out.items()}
@@ -136,7 +138,7 @@ def test_they_leave_out_every_feature(sharing):
     assert out["in a tube"] >= {"ROLLING", "plane", "strip", "OUTLET"}
     assert out["on springs"] >= {"ROLLING", "strip", "frustum"}
     assert out["over a floor"] == every - {"plane", "ANY_WALLS"}
-    shared = {name: sharing.stand.backend.specialise(taken_from(sharing, name)[0], numerics) for name in out}
+    shared = {name: sharing.platform.backend.specialise(taken_from(sharing, name)[0], numerics) for name in out}
     # rolling resistance with springs is in place of that without
     assert [name for name, spec in shared.items() if spec.feature("ROLLING_SPRING")] == ["on springs"]
     assert all(

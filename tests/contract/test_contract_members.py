@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import pytest
-from stands import identical
+from platforms import identical
 
-from labbook.checks.verify.stand import rows_of
+from labbook.checks.verify.platform import rows_of
 from labbook.checks.verify.symmetry import DT
 
 BEATS = 12
@@ -17,7 +17,7 @@ def alone(silo):
     state, tables = silo.discharge(BEATS)
     ledger = tables[silo.ledger]
     assert ledger["grains"][-1] < ledger["grains"][0]
-    if silo.stand.lists:
+    if silo.platform.lists:
         assert ledger["rebuilds"][-1] > ledger["rebuilds"][0] + 3
     return state, tables
 

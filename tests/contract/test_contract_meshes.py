@@ -5,7 +5,7 @@ import math
 import labbook_reference
 import numpy as np
 import pytest
-from stands import Bundled, identical
+from platforms import Bundled, identical
 
 from labbook.backend import Failed
 from labbook.backend.numerics import Numerics
@@ -13,7 +13,7 @@ from labbook.backend.probes import Contacts, Ledger, Sample, Traction
 from labbook.checks.stress.meshes import fan
 from labbook.checks.verify.materials import D, G, linear, scene
 from labbook.checks.verify.mesh import of_triangles, sheet
-from labbook.checks.verify.stand import grains_at, rows_of
+from labbook.checks.verify.platform import grains_at, rows_of
 from labbook.scene import Box, Primitives, Scene, Wall
 from labbook.scene.packing import Packing
 
@@ -29,8 +29,8 @@ ROUNDINGS = 300
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _compiled(stand: Bundled):
-    if stand.part < 1:
+def _compiled(platform: Bundled):
+    if platform.part < 1:
         pytest.skip("the others are compared with it")
 
 
@@ -71,15 +71,15 @@ def start(of: Scene) -> Packing:
     return grains_at(x, v)
 
 
-def numerics(stand: Bundled) -> Numerics:
-    return stand.numerics(2.5e-6, steps_per_beat=50)
+def numerics(platform: Bundled) -> Numerics:
+    return platform.numerics(2.5e-6, steps_per_beat=50)
 
 
-def ends(stand: Bundled, members, beats: int, later=(), device: str | None = None):
+def ends(platform: Bundled, members, beats: int, later=(), device: str | None = None):
     """Packing, checkpoint and rows of members side by side, of which those of `later` join half way."""
-    how = numerics(stand)
-    spec = stand.backend.specialise(members[0][0], how, PROBES)
-    ensemble = stand.backend.open(spec, None, device or stand.device)
+    how = numerics(platform)
+    spec = platform.backend.specialise(members[0][0], how, PROBES)
+    ensemble = platform.backend.open(spec, None, device or platform.device)
     try:
         admitted = [ensemble.admit(of, how, begin) for of, begin in members]
         assert not ensemble.advance(beats - beats // 2)
@@ -99,9 +99,9 @@ def ends(stand: Bundled, members, beats: int, later=(), device: str | None = Non
 
 
 @pytest.fixture(scope="module")
-def alone(stand: Bundled):
+def alone(platform: Bundled):
     """Of both scenes, the end of a member by itself."""
-    return {of: ends(stand, [(of(), start(of()))], BEATS)[0] for of in (trough, tip)}
+    return {of: ends(platform, [(of(), start(of()))], BEATS)[0] for of in (trough, tip)}
 
 
 def keys(packing: Packing) -> dict:
@@ -111,12 +111,14 @@ def keys(packing: Packing) -> dict:
 
 
 @pytest.mark.parametrize("of", [trough, tip])
-def test_they_move_as_by_the_reference(stand: Bundled, alone, of):
+def test_they_move_as_by_the_reference(platform: Bundled, alone, of):
     packing = alone[of][0]
     assert packing.wall_part.max() > 8, "features have numbers of their own"
     plain = Bundled(labbook_reference.Backend(), "double", "cpu")
-    (here, _, rows), (there, _, expected) = (ends(s, [(of(), packing)], 2, device=s.device)[0] for s in (stand, plain))
-    limit = ROUNDINGS * float(np.finfo(np.float32 if stand.precision == "mixed" else np.float64).eps)
+    (here, _, rows), (there, _, expected) = (
+        ends(s, [(of(), packing)], 2, device=s.device)[0] for s in (platform, plain)
+    )
+    limit = ROUNDINGS * float(np.finfo(np.float32 if platform.precision == "mixed" else np.float64).eps)
     assert np.abs(there.x - packing.x).max() > 0.01 * R
     assert np.abs(here.x - there.x).max() / D < limit
     assert np.abs(here.v - there.v).max() < limit
@@ -133,7 +135,7 @@ def test_they_move_as_by_the_reference(stand: Bundled, alone, of):
             assert sums[name][sums["step"] == sums["step"].max()].sum() == pytest.approx(at_walls, rel=1e-4, abs=1e-9)
 
 
-def test_a_grain_at_a_tip_touches_it_once(stand: Bundled, alone):
+def test_a_grain_at_a_tip_touches_it_once(platform: Bundled, alone):
     """Its 30 faces and edges have the vertex in common."""
     rows = alone[tip][2][PROBES[1]]
     mine = (rows["i"] == 0) & (rows["wall"] == 2)
@@ -143,30 +145,30 @@ def test_a_grain_at_a_tip_touches_it_once(stand: Bundled, alone):
 
 
 @pytest.mark.parametrize("of", [trough, tip])
-def test_they_go_on_from_a_checkpoint_bit_for_bit(stand: Bundled, alone, of):
-    checkpoint = ends(stand, [(of(), start(of()))], BEATS // 2)[0][1]
-    again = ends(stand, [(of(), checkpoint)], BEATS - BEATS // 2)[0][0]
+def test_they_go_on_from_a_checkpoint_bit_for_bit(platform: Bundled, alone, of):
+    checkpoint = ends(platform, [(of(), start(of()))], BEATS // 2)[0][1]
+    again = ends(platform, [(of(), checkpoint)], BEATS - BEATS // 2)[0][0]
     assert identical(again, alone[of][0])
 
 
-def test_other_meshes_beside_a_member_change_no_bit(stand: Bundled, alone):
+def test_other_meshes_beside_a_member_change_no_bit(platform: Bundled, alone):
     """Side by side, and where one comes when the other is under way."""
     pairs = [(of(), start(of())) for of in (tip, trough)]
-    beside = ends(stand, [*pairs, pairs[0]], BEATS)
-    joined = ends(stand, pairs[:1], BEATS, later=pairs[1:])[0]
+    beside = ends(platform, [*pairs, pairs[0]], BEATS)
+    joined = ends(platform, pairs[:1], BEATS, later=pairs[1:])[0]
     for of, end in ((tip, beside[0]), (trough, beside[1]), (tip, beside[2]), (tip, joined)):
         assert identical(end[0], alone[of][0])
         for probe in PROBES:
             assert identical(end[2][probe], alone[of][2][probe])
 
 
-def test_a_tube_narrower_than_a_grain_fails_with_the_remedy(stand: Bundled):
+def test_a_tube_narrower_than_a_grain_fails_with_the_remedy(platform: Bundled):
     angles = 2 * math.pi * np.arange(24) / 24
     ring = np.array([(0.999 * R * np.cos(t), 0.999 * R * np.sin(t), z) for t in angles for z in (-9 * R, 9 * R)])
     pairs = [(2 * k, 2 * ((k + 1) % 24)) for k in range(24)]
     of = floored(of_triangles(ring, np.array([t for a, b in pairs for t in ((a, b, b + 1), (a, b + 1, a + 1))])))
-    how = numerics(stand)
-    ensemble = stand.backend.open(stand.backend.specialise(of, how, PROBES), None, stand.device)
+    how = numerics(platform)
+    ensemble = platform.backend.open(platform.backend.specialise(of, how, PROBES), None, platform.device)
     ensemble.admit(of, how, grains_at([[0.0, 0.0, 0.3 * R]]))
     (failure,) = ensemble.advance(1)
     ensemble.close()

@@ -8,31 +8,31 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stands import identical
+from platforms import identical
 
 from labbook.backend.probes import Crossing, Ledger
 from labbook.checks.verify.bed import DT
 from labbook.checks.verify.mixture import graded_hopper
-from labbook.checks.verify.stand import rows_of
+from labbook.checks.verify.platform import rows_of
 from labbook.filling import place, start_of_discharge
 from labbook.scene import Bodies
 
 
 @pytest.fixture(scope="module")
-def flowing(stand):
+def flowing(platform):
     """A mixture that is about to flow out, and its ensemble. Who is who does not depend on the precision of forces."""
-    if stand.second:
+    if platform.second:
         pytest.skip("mixtures are checked in one precision of a backend on a processor")
-    scene, numerics = graded_hopper(80), stand.numerics(DT / 2, steps_per_beat=500)
+    scene, numerics = graded_hopper(80), platform.numerics(DT / 2, steps_per_beat=500)
     closed = scene.close()
-    spec = stand.backend.specialise(closed, numerics, [Ledger()])
-    ensemble = stand.backend.open(spec, 1, stand.device)
+    spec = platform.backend.specialise(closed, numerics, [Ledger()])
+    ensemble = platform.backend.open(spec, 1, platform.device)
     member = ensemble.admit(closed, numerics, place(closed, "gas", 1))
     ensemble.advance(30)
     start = start_of_discharge(ensemble.packing(member), closed, scene)
     ensemble.close()
     probes = [Crossing(), Ledger()]
-    ensemble = stand.backend.open(stand.backend.specialise(scene, numerics, probes), 2, stand.device)
+    ensemble = platform.backend.open(platform.backend.specialise(scene, numerics, probes), 2, platform.device)
     yield scene, numerics, start, ensemble
     ensemble.close()
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from stands import identical, specialised
+from platforms import identical, specialised
 
 from labbook.backend.probes import (
     SLIDING,
@@ -19,7 +19,7 @@ from labbook.backend.probes import (
     Traction,
     Zone,
 )
-from labbook.checks.verify.stand import MemberStart, grains_at, rows_of
+from labbook.checks.verify.platform import MemberStart, grains_at, rows_of
 from labbook.checks.verify.symmetry import DT, difference, hopper
 from labbook.scene import Primitives, Spheres
 from labbook.scene.wall_bins import bins_of_walls
@@ -34,10 +34,10 @@ EVERYTHING = (Crossing(), Ledger(), SAMPLE, SLAB, ZONE, CONTACTS, TRACTION, ABOV
 
 
 def test_declaring_and_reading_them_changes_no_bit(silo):
-    """Of the kernels that users' runs have: those of the stands have all probes in, declared or not."""
+    """Of the kernels that users' runs have: those of the platforms have all probes in, declared or not."""
     states = []
     for probes in ((), EVERYTHING):
-        with silo.ensemble(probes=probes, stand=specialised(silo.stand)) as ensemble:
+        with silo.ensemble(probes=probes, platform=specialised(silo.platform)) as ensemble:
             member = silo.admit(ensemble)
             for _ in range(BEATS):
                 ensemble.advance(1)
@@ -267,7 +267,7 @@ def test_springs_survive_rebuilds(silo):
             ensemble.advance(4)
             states.append(ensemble.packing(member))
             rebuilds.append(ensemble.drain()[silo.ledger]["rebuilds"][-1])
-    assert rebuilds[0] > 10 * rebuilds[1] or not silo.stand.lists
+    assert rebuilds[0] > 10 * rebuilds[1] or not silo.platform.lists
     assert len(states[0].pair_spring) > 20
     assert difference(*states) < 1e-9
 
@@ -308,7 +308,7 @@ def falling(silo, heights, speeds):
 def test_times_of_crossings_are_interpolated(silo):
     heights, speeds = np.linspace(0.01, 0.05, 9), np.linspace(0.5, -0.5, 9)
     scene, start = falling(silo, heights, speeds)
-    motion = silo.stand.run(MemberStart(scene, DT, start), 10, 1000, [silo.crossing])
+    motion = silo.platform.run(MemberStart(scene, DT, start), 10, 1000, [silo.crossing])
     rows = motion.rows(silo.crossing)
     assert sorted(rows["id"]) == list(range(9))
     expected = (speeds + np.sqrt(speeds**2 + 2 * scene.gravity * heights)) / scene.gravity
@@ -318,7 +318,7 @@ def test_times_of_crossings_are_interpolated(silo):
 
 def test_a_grain_that_starts_below_does_not_cross(silo):
     scene, start = falling(silo, np.array([-1e-3, 1e-3]), np.array([0.3, 0.0]))
-    rows = silo.stand.run(MemberStart(scene, DT, start), 5, 1000, [silo.crossing]).rows(silo.crossing)
+    rows = silo.platform.run(MemberStart(scene, DT, start), 5, 1000, [silo.crossing]).rows(silo.crossing)
     assert list(rows["id"]) == [1]
 
 
@@ -328,7 +328,7 @@ def test_grains_fall_on_below_the_outlet_as_far_as_the_sink(silo):
     deep = scene.model_copy(update={"container": VAST.model_copy(update={"sink": -0.06})})
     crossed, low = [], []
     for one in (scene, deep):
-        motion = silo.stand.run(MemberStart(one, DT, start), 20, 250, [silo.crossing, SAMPLE])
+        motion = silo.platform.run(MemberStart(one, DT, start), 20, 250, [silo.crossing, SAMPLE])
         crossed.append(motion.rows(silo.crossing))
         low.append(motion.rows(SAMPLE)["z"].min())
     assert identical(*crossed)
@@ -344,7 +344,7 @@ def test_only_the_first_passage_counts(silo):
     grains = Spheres(diameter=3e-3, density=2500, count=1)
     scene = silo.scene.model_copy(update={"grains": grains, "contact": contact, "container": bottom})
     passing, sample = Crossing(plane=0.05), Sample()
-    motion = silo.stand.run(MemberStart(scene, DT / 4, grains_at([0, 0, 0.07])), 100, 1000, [passing, sample])
+    motion = silo.platform.run(MemberStart(scene, DT / 4, grains_at([0, 0, 0.07])), 100, 1000, [passing, sample])
     above = motion.by_beat(sample, ("z",))[:, 0, 0] - passing.plane
     assert np.sum((above[1:] < 0) & (above[:-1] >= 0)) > 2
     rows = motion.rows(passing)

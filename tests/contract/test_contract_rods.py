@@ -4,14 +4,14 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from stands import Bundled, identical
+from platforms import Bundled, identical
 
 from labbook.backend import Failed, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Table, Traction, Zone, columns
+from labbook.checks.verify.platform import rows_of
 from labbook.checks.verify.rods import rods as rods_alone
 from labbook.checks.verify.rods import rods_at
-from labbook.checks.verify.stand import rows_of
 from labbook.checks.verify.symmetry import hopper
 from labbook.filling import place, start_of_discharge
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Primitives, Scene, Spherocylinders
@@ -19,7 +19,7 @@ from labbook.scene.orientation import axes
 
 DT, STEPS = 1e-5, 200
 RODS, FALLEN, RESTING = 60, 100, 700
-"""How many rods there are, beats until they have fallen and until they rest, where a stand takes the whole."""
+"""How many rods there are, beats until they have fallen and until they rest, where a platform takes the whole."""
 SILO = CylinderSilo(diameter=60e-3, height=0.5, orifice=36e-3, rotation=1.0)
 ZONE = Zone(radius=20e-3, low=-0.01, high=0.02, core=0.01, top=0.05)
 TRACTION = Traction(size=20e-3)
@@ -27,30 +27,30 @@ SAMPLE, CROSSING, LEDGER, CONTACTS = Sample(("x", "omega", "q")), Crossing(), Le
 PROBES = SAMPLE, CROSSING, LEDGER, CONTACTS, ZONE, TRACTION
 
 
-def silo(stand: Bundled) -> Scene:
-    grains = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=round(RODS * stand.part))
+def silo(platform: Bundled) -> Scene:
+    grains = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=round(RODS * platform.part))
     law = LinearSpringDashpot(normal_stiffness=200.0, friction=0.5, rolling_friction=0.01, restitution=0.5)
     return Scene(grains=grains, contact=law, container=SILO, gravity=9.81)
 
 
 @pytest.fixture(scope="module")
-def rods(stand: Bundled) -> Bundled:
-    can = stand.backend.capabilities
+def rods(platform: Bundled) -> Bundled:
+    can = platform.backend.capabilities
     if not {"spherocylinder"} <= can.shapes or "frustum" not in can.walls:
         pytest.skip(f"the backend {can.name} has no rods in round silos")
-    return stand
+    return platform
 
 
-def numerics(stand: Bundled) -> Numerics:
-    return stand.numerics(DT, steps_per_beat=STEPS)
+def numerics(platform: Bundled) -> Numerics:
+    return platform.numerics(DT, steps_per_beat=STEPS)
 
 
-def run(stand: Bundled, scene: Scene, start, splits=(1,) * 10, probes=PROBES, members: int = 1):
+def run(platform: Bundled, scene: Scene, start, splits=(1,) * 10, probes=PROBES, members: int = 1):
     """End and rows of the first of some members."""
-    backend = stand.backend
-    ensemble = backend.open(backend.specialise(scene, numerics(stand), probes), members, stand.device)
+    backend = platform.backend
+    ensemble = backend.open(backend.specialise(scene, numerics(platform), probes), members, platform.device)
     try:
-        first, *_ = [ensemble.admit(scene, numerics(stand), start) for _ in range(members)]
+        first, *_ = [ensemble.admit(scene, numerics(platform), start) for _ in range(members)]
         for beats in splits:
             ensemble.advance(beats)
         tables: Mapping[Probe, Table] = ensemble.drain()

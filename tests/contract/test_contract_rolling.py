@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stands import identical
+from platforms import identical
 
 from labbook.backend import load
 from labbook.checks.verify.materials import D, G, hertz
@@ -32,18 +32,18 @@ UNLIKE = pytest.param("unlike", marks=pytest.mark.ring)
 
 
 @pytest.fixture(scope="module", params=["equal", UNLIKE])
-def bed(request, stand):
+def bed(request, platform):
     """Grains that have fallen into the closed hopper, its outlet now open; numerics, and an ensemble for it."""
-    if request.param == "unlike" and stand.second:
+    if request.param == "unlike" and platform.second:
         pytest.skip("mixtures are checked in one precision of a backend on a processor")
     scene = hopper(KINDS if request.param == "unlike" else ())
-    closed, numerics = scene.close(), stand.numerics(DT / 2, steps_per_beat=250)
-    ensemble = stand.backend.open(stand.backend.specialise(closed, numerics), 1, stand.device)
+    closed, numerics = scene.close(), platform.numerics(DT / 2, steps_per_beat=250)
+    ensemble = platform.backend.open(platform.backend.specialise(closed, numerics), 1, platform.device)
     member = ensemble.admit(closed, numerics, place(closed, "gas", 1))
     ensemble.advance(26)
     start = start_of_discharge(ensemble.packing(member), closed, scene)
     ensemble.close()
-    ensemble = stand.backend.open(stand.backend.specialise(scene, numerics), 2, stand.device)
+    ensemble = platform.backend.open(platform.backend.specialise(scene, numerics), 2, platform.device)
     yield scene, numerics, start, ensemble
     ensemble.close()
 
@@ -105,13 +105,13 @@ def ordered(packing: Packing) -> tuple[np.ndarray, np.ndarray]:
     return (sign * packing.pair_rolling)[np.lexsort(pairs.T)], packing.wall_rolling[walls]
 
 
-def test_it_moves_grains_as_the_reference_does(bed, stand):
+def test_it_moves_grains_as_the_reference_does(bed, platform):
     """A hundred steps from one packing. Each of some ten forces on a grain is off by roundings, which steps add up."""
     scene, numerics, start, ensemble = bed
     how = numerics.model_copy(update={"steps_per_beat": 100})
     ended = []
     for backend, precision, device in (
-        (stand.backend, stand.precision, stand.device),
+        (platform.backend, platform.precision, platform.device),
         (load("reference"), "double", "cpu"),
     ):
         mine = how.model_copy(update={"precision": precision})
@@ -121,7 +121,7 @@ def test_it_moves_grains_as_the_reference_does(bed, stand):
         ended.append(ensemble.packing(member))
         ensemble.close()
     found, expected = ended
-    rounding = float(np.finfo(np.float32 if stand.precision == "mixed" else np.float64).eps)
+    rounding = float(np.finfo(np.float32 if platform.precision == "mixed" else np.float64).eps)
     assert len(found.pairs) == len(expected.pairs)
     assert np.abs(found.x - expected.x).max() / D < 1000 * rounding
     assert np.abs(found.omega - expected.omega).max() / np.sqrt(G / D) < 1e5 * rounding

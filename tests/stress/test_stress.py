@@ -5,7 +5,7 @@ from pathlib import Path
 
 import broken_backends as broken
 import pytest
-from stands import stands, where
+from platforms import platforms, where
 from typer.testing import CliRunner
 
 from labbook.backend import Unsupported
@@ -13,7 +13,7 @@ from labbook.checks.stress.bounded import NamedBackend, judge_isolated
 from labbook.checks.stress.case import Ending, judge, within
 from labbook.checks.stress.cases import CASES, select_cases
 from labbook.checks.verify.case import limited
-from labbook.checks.verify.stand import Stand, require
+from labbook.checks.verify.platform import Platform, require
 from labbook.cli import build
 
 IN_ONE = {
@@ -27,26 +27,26 @@ OF_ITS_OWN = {"pyramid", "size-ratio", "powers", "meshes", "moving-parts"}
 
 
 def checks():
-    """Every case on every stand of a compiled backend that takes it."""
-    for stand in stands():
-        if stand.part < 1:  # plain Python would take hours
+    """Every case on every platform of a compiled backend that takes it."""
+    for platform in platforms():
+        if platform.part < 1:  # plain Python would take hours
             continue
-        here = where(stand)
+        here = where(platform)
         for case in CASES:
-            name = stand.backend.capabilities.name if stand.device == "cpu" else ""
+            name = platform.backend.capabilities.name if platform.device == "cpu" else ""
             # a hundred thousand launches; the moving cases of `labbook verify` are there
             lasts = name == "warp" and case.name == "moving-parts"
-            if not lasts and not (stand.second and case.name in IN_ONE):
+            if not lasts and not (platform.second and case.name in IN_ONE):
                 long = case.slow or case.name in OF_ITS_OWN
                 # kernels of a second precision compile for a minute; the GPU backend's processor takes a step a launch
-                long |= stand.device == "cpu" and (stand.second or name == "warp")
+                long |= platform.device == "cpu" and (platform.second or name == "warp")
                 marks = [*here.marks, pytest.mark.ring if long else pytest.mark.slow]
-                yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
+                yield pytest.param(case, platform, id=f"{case.name}-{here.id}", marks=marks)
 
 
-@pytest.mark.parametrize(("case", "stand"), list(checks()))
-def test_case(case, stand):
-    rows = judge(case, stand)
+@pytest.mark.parametrize(("case", "platform"), list(checks()))
+def test_case(case, platform):
+    rows = judge(case, platform)
     assert not [f"{row.part}: {row.figure}" for row in rows if row.outcome == "failed"]
     assert any(row.outcome in ("right", "named error") for row in rows)
 
@@ -67,7 +67,7 @@ def test_names_are_unique_and_chosen_by_their_beginning():
 def told(run, made=None) -> Ending:
     """The one row of a case on the toy backend, whose ensembles are `made`."""
     backend = broken.Faulty(made or broken.Ensemble)
-    (row,) = judge(broken.case(run), Stand(backend))  # pyright: ignore[reportArgumentType]
+    (row,) = judge(broken.case(run), Platform(backend))  # pyright: ignore[reportArgumentType]
     return Ending(row.part, row.outcome, row.figure)
 
 
@@ -75,7 +75,7 @@ def told(run, made=None) -> Ending:
     ("made", "words"),
     [
         (broken.Silent, "no guard has named this: packing: v is not finite in row 0"),
-        (broken.Standing, "a beat of 100 steps took 0, and no event says why"),
+        (broken.Stationary, "a beat of 100 steps took 0, and no event says why"),
         (broken.Spoiling, "after the error x is not that of the last good beat"),
         (broken.Moving, "stands at step 40, not at 0"),
         (broken.Mumbling, "names no grain or no remedy"),
@@ -111,7 +111,7 @@ def test_a_guard_of_a_compiled_backend_that_is_swallowed_is_noticed(monkeypatch)
     member = pytest.importorskip("labbook_numba.member")
     monkeypatch.setattr(member.Run, "_fail", lambda *_: None)
     (case,) = select_cases(["deep-overlap"])
-    (numba,) = [stand for stand in stands() if stand.wide and not stand.second]
+    (numba,) = [platform for platform in platforms() if platform.wide and not platform.second]
     rows = judge(case, numba)
     assert "right" in [row.outcome for row in rows[:-1]]
     assert rows[-1].outcome == "failed"
@@ -120,7 +120,7 @@ def test_a_guard_of_a_compiled_backend_that_is_swallowed_is_noticed(monkeypatch)
 
 @pytest.mark.parametrize(("error", "outcome"), [(0.9, "right"), (1.1, "failed"), (float("nan"), "failed")])
 def test_errors_are_held_against_their_limit(error, outcome):
-    ending = within(Stand(broken.Toy()), "", "it", error, limited(1.0))
+    ending = within(Platform(broken.Toy()), "", "it", error, limited(1.0))
     assert ending.outcome == outcome
 
 
@@ -160,9 +160,9 @@ def test_a_case_that_cannot_be_judged_has_failed_unless_the_backend_lacks_the_sc
 
 @pytest.mark.slow
 def test_a_case_that_hangs_or_ends_its_process_has_failed_and_the_next_one_runs():
-    bench = NamedBackend("toy", "double", "cpu")
+    named_backend = NamedBackend("toy", "double", "cpu")
     cases = [broken.case(broken.hangs, 5.0), broken.case(broken.crashes), broken.case(broken.runs)]
-    (hung,), (crashed,), (ran,) = judge_isolated(cases, bench)
+    (hung,), (crashed,), (ran,) = judge_isolated(cases, named_backend)
     assert (hung.outcome, hung.figure) == ("failed", "hung: no end after 5 s")
     assert (crashed.outcome, crashed.figure) == ("failed", "crashed: the process of the case ended")
     assert ran.figure == "silence: no guard reported anything"

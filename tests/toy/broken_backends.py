@@ -11,7 +11,7 @@ from labbook.backend import Failed, Overflow
 from labbook.checks.stress.case import StressCase
 from labbook.checks.stress.watch import follow, guard_error, sound
 from labbook.checks.verify.materials import G, hertz, room, scene
-from labbook.checks.verify.stand import MemberStart, grains_at
+from labbook.checks.verify.platform import MemberStart, grains_at
 
 START = MemberStart(scene(2, hertz(), room(), G), 1e-5, grains_at([[0.0, 0.0, 0.1], [0.1, 0.0, 0.1]]))
 
@@ -37,7 +37,7 @@ class Silent(Ensemble):
         return events
 
 
-class Standing(Ensemble):
+class Stationary(Ensemble):
     """Takes no steps, and says nothing of it."""
 
     def advance(self, beats=1):
@@ -102,25 +102,25 @@ class Raising(Ensemble):
         raise IndexError("beyond the end")
 
 
-def runs(stand):
+def runs(platform):
     """A part that has to end right."""
-    sound(follow(stand, START, 3, 100))
-    yield guard_error("silence", follow(stand, START, 1, 100))
+    sound(follow(platform, START, 3, 100))
+    yield guard_error("silence", follow(platform, START, 1, 100))
 
 
-def stops(stand):
+def stops(platform):
     """A part that has to end with a named error."""
-    yield guard_error("", follow(stand, START, 3, 100))
+    yield guard_error("", follow(platform, START, 3, 100))
 
 
-def hangs(stand):
+def hangs(platform):
     """A case that never ends."""
     while True:
         time.sleep(1)
         yield from ()
 
 
-def crashes(stand):
+def crashes(platform):
     """A case that ends its process, as a wild pointer does."""
     os._exit(11)
     yield

@@ -7,7 +7,7 @@ import numpy as np
 from labbook.checks.verify.materials import D, G, linear, spheres
 from labbook.checks.verify.mesh import of_triangles
 from labbook.checks.verify.moving import box
-from labbook.checks.verify.stand import grains_at
+from labbook.checks.verify.platform import grains_at
 from labbook.scene import PartMotion, PartRotation, Primitives, Scene, Spherocylinders, Vibration
 from labbook.scene.packing import Packing
 

@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 
 import pytest
-from stands import Bundled, specialised, stands, where
+from platforms import Bundled, platforms, specialised, where
 
 from labbook.backend import Unsupported
 from labbook.checks.verify import clumps, mesh, mesh_rods, moving
 from labbook.checks.verify.case import Case, Criterion, judge
 from labbook.checks.verify.cases import CASES, select_cases
 from labbook.checks.verify.materials import EVERY_LAW
-from labbook.checks.verify.stand import Stand, require
+from labbook.checks.verify.platform import Platform, require
 
 IN_ONE = {
     # of the law at the other; laws without friction, and each law's functions, are compared in both precisions
@@ -103,46 +103,46 @@ BY_THE_REFERENCE = {
 test_reference_spheres, and the whole contract."""
 
 
-def left_out(case: Case, stand: Bundled) -> bool:
-    if stand.part < 1:
+def left_out(case: Case, platform: Bundled) -> bool:
+    if platform.part < 1:
         return case.name not in BY_THE_REFERENCE
-    warp = stand.device == "cpu" and stand.backend.capabilities.name == "warp"
-    return (stand.second and case.name in IN_ONE) or (warp and case.name in ON_A_GPU)
+    warp = platform.device == "cpu" and platform.backend.capabilities.name == "warp"
+    return (platform.second and case.name in IN_ONE) or (warp and case.name in ON_A_GPU)
 
 
 def checks(among: Sequence[Bundled]):
-    """Every case on every stand that takes it."""
-    for stand in among:
-        here = where(stand, slow=pytest.mark.slow)
+    """Every case on every platform that takes it."""
+    for platform in among:
+        here = where(platform, slow=pytest.mark.slow)
         for case in CASES:
-            if not left_out(case, stand):
+            if not left_out(case, platform):
                 long = case.name in LONG
-                if stand.device == "cpu":
-                    long |= stand.part < 1 and case.name in LONG_BY_THE_REFERENCE
+                if platform.device == "cpu":
+                    long |= platform.part < 1 and case.name in LONG_BY_THE_REFERENCE
                     # every step is a launch or more there; its GPU takes all, and the contract is quick on both
-                    long |= stand.backend.capabilities.name == "warp"
+                    long |= platform.backend.capabilities.name == "warp"
                     # kernels of the second precision are compiled for these; test_reference_spheres has them too
-                    long |= stand.second
+                    long |= platform.second
                 marks = [*here.marks, *([pytest.mark.slow] if case.slow else []), *([pytest.mark.ring] if long else [])]
-                yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
+                yield pytest.param(case, platform, id=f"{case.name}-{here.id}", marks=marks)
 
 
-def faults(case: Case, stand: Stand) -> str:
-    """What of a case does not hold on a stand."""
-    bad = [v for v in judge(case, stand) if v.result == "failed"]
+def faults(case: Case, platform: Platform) -> str:
+    """What of a case does not hold on a platform."""
+    bad = [v for v in judge(case, platform) if v.result == "failed"]
     return "\n".join(f"{v.measure}: {v.note or f'{v.error:.3g} > {v.limit:.3g} {v.unit}'}" for v in bad)
 
 
-@pytest.mark.parametrize(("case", "stand"), list(checks(stands())))
-def test_case(case, stand):
-    assert not faults(case, stand)
+@pytest.mark.parametrize(("case", "platform"), list(checks(platforms())))
+def test_case(case, platform):
+    assert not faults(case, platform)
 
 
 @pytest.mark.ring
-@pytest.mark.parametrize(("case", "stand"), list(checks([stand for stand in stands() if stand.wide])))
-def test_case_on_the_kernels_of_users(case, stand):
+@pytest.mark.parametrize(("case", "platform"), list(checks([platform for platform in platforms() if platform.wide])))
+def test_case_on_the_kernels_of_users(case, platform):
     """Each compiled for the scene, as by `labbook verify`; test_contract_kernels holds them against the shared ones."""
-    assert not faults(case, specialised(stand))
+    assert not faults(case, specialised(platform))
 
 
 def test_what_is_left_out_is_known():
@@ -151,7 +151,7 @@ def test_what_is_left_out_is_known():
 
 
 def test_there_is_an_backend_to_check():
-    assert stands()
+    assert platforms()
 
 
 def test_names_are_unique_and_chosen_by_their_beginning():
@@ -177,7 +177,7 @@ def invented(run, **measures: Criterion) -> Case:
     ],
 )
 def test_verdicts(error, limits, result):
-    (verdict,) = judge(invented(lambda _: {"a": error}, a=Criterion(limits)), stands()[0])
+    (verdict,) = judge(invented(lambda _: {"a": error}, a=Criterion(limits)), platforms()[0])
     assert verdict.result == result
 
 
@@ -186,7 +186,7 @@ def test_what_cannot_be_measured_has_failed():
         require(False, "nothing moved")
         return {"a": 0.0}
 
-    (verdict,) = judge(invented(run, a=Criterion({})), stands()[0])
+    (verdict,) = judge(invented(run, a=Criterion({})), platforms()[0])
     assert verdict.result == "failed"
     assert verdict.note == "nothing moved"
 
@@ -199,14 +199,14 @@ def test_a_scene_that_the_backend_lacks_is_unsupported_and_other_lacks_are_error
     case = invented(run, a=Criterion({"double": 1}))
     if key == "numerics.precision":
         with pytest.raises(Unsupported):
-            judge(case, stands()[0])
+            judge(case, platforms()[0])
         return
-    (verdict,) = judge(case, stands()[0])
+    (verdict,) = judge(case, platforms()[0])
     assert (verdict.result, verdict.note) == ("unsupported", "it has none")
 
 
 def test_a_case_must_measure_what_it_says_and_state_a_limit():
     with pytest.raises(ValueError, match="measures"):
-        judge(invented(lambda _: {"b": 0.0}, a=Criterion({"double": 1})), stands()[0])
+        judge(invented(lambda _: {"b": 0.0}, a=Criterion({"double": 1})), platforms()[0])
     with pytest.raises(ValueError, match="no limit"):
-        judge(invented(lambda _: {"a": 0.0}, a=Criterion({"other": 1})), stands()[0])
+        judge(invented(lambda _: {"a": 0.0}, a=Criterion({"other": 1})), platforms()[0])

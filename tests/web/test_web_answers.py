@@ -67,12 +67,12 @@ def test_the_sheet_is_a_map_with_the_mean_on_every_tile(results):
     assert found.rows == tuple(map(str, ANGLES))
     tiles_ = [tile for line in found.tiles for tile in line if tile is not None]
     assert {tile.point for tile in tiles_ if tile.value == "clogged"} == {1, 2}
-    shown = {tile.point: tile for tile in tiles_ if tile.part is not None}
+    shown = {tile.point: tile for tile in tiles_ if tile.fraction is not None}
     assert shown.keys() == known.keys()
     for n, tile in shown.items():
         assert float(tile.value) == pytest.approx(known[n], rel=5e-3)
         part = (known[n] - min(known.values())) / (max(known.values()) - min(known.values()))
-        assert tile.part == pytest.approx(part)
+        assert tile.fraction == pytest.approx(part)
 
 
 def test_cards_show_the_extremes(results):

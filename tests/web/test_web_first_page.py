@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 from labbook_web.page import Links
-from labbook_web.render import part
+from labbook_web.render import fragment
 from labbook_web.site import write
 from toy_lab import labbook, study_file
 from toy_web import client, keys_of
@@ -64,7 +64,7 @@ def test_tables_and_figures_can_be_saved(copied):
     assert answer.headers["content-disposition"].startswith(f'attachment; filename="study-{STUDY}.csv"')
     contents = SimpleNamespace(study=SimpleNamespace(name=STUDY), backend="toy", state="1a")
     shown = {"title": "Patterns", "why": "", "caption": "How beds flow.", "kinds": ("svg",), "table": False}
-    figure = part("figure.html.j2", Links(), contents=contents, address="patterns", **shown)
+    figure = fragment("figure.html.j2", Links(), contents=contents, address="patterns", **shown)
     assert "<figcaption>How beds flow.</figcaption>" in figure
     address = f"/study/{STUDY}/figure/patterns.svg?backend=toy&state=1a"
     assert f'<a href="{address}" download="{STUDY}-patterns.svg">' in unescape(figure)

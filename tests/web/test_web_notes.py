@@ -28,7 +28,7 @@ def test_a_note_is_a_file_and_is_shown(copied):
     assert "for-the-paper" in somebody.get(f"/card/{STUDY}").text
     assert "odd" in somebody.get("/runs").text
     somebody.post(f"/note/study/{STUDY}", data={"text": " ", "tags": ""}, headers=OURS)
-    assert not notes.place(LabFolder(lab), "study", STUDY).exists()
+    assert not notes.note_path(LabFolder(lab), "study", STUDY).exists()
 
 
 def test_tags_that_cannot_be_are_refused_and_nothing_is_lost(copied):
@@ -86,7 +86,7 @@ def test_other_sites_cannot_write_notes(copied, headers):
 
 
 def test_a_note_that_cannot_be_read_is_said(copied):
-    path = notes.place(LabFolder(copied / "lab"), "study", STUDY)
+    path = notes.note_path(LabFolder(copied / "lab"), "study", STUDY)
     path.parent.mkdir(parents=True)
     path.write_bytes(b"\xff\xfe\x00")
     somebody = client(copied / "lab")

@@ -555,7 +555,9 @@ def test_a_run_that_changed_since_it_was_indexed_is_marked(copied):
 def test_a_study_file_that_is_broken_is_one_red_card(mixed, tmp_path, done):
     lab = tmp_path / "lab"
     for one in ("toy-study", "other"):
-        text = studies.place(LabFolder(mixed), one).read_text() if one == "other" else "name: toy-study\ngrains: [\n"
+        text = (
+            studies.study_path(LabFolder(mixed), one).read_text() if one == "other" else "name: toy-study\ngrains: [\n"
+        )
         studies.keep(LabFolder(lab), one, text)
     somebody = client(lab)
     assert somebody.get("/").status_code == 200
@@ -578,7 +580,7 @@ def test_a_given_file_that_is_broken_is_one_red_card(done, tmp_path):
 
 
 def test_runs_without_the_file_of_their_study_are_told(copied):
-    studies.place(LabFolder(copied / "lab"), STUDY).unlink()
+    studies.study_path(LabFolder(copied / "lab"), STUDY).unlink()
     somebody = client(copied / "lab")
     card = somebody.get(f"/card/{STUDY}").text
     assert f"labbook web {STUDY}.yaml" in card
@@ -593,7 +595,7 @@ def test_what_is_not_evaluated_is_said_and_stays_so(tmp_path, monkeypatch):
     """Another window than that of the runs: somebody who looks must not evaluate all runs."""
     make(tmp_path, orifices="[18, 24]", replicates=2, measure="flow_rate, outlet_profiles, packing")
     lab = tmp_path / "lab"
-    kept = studies.place(LabFolder(lab), STUDY)
+    kept = studies.study_path(LabFolder(lab), STUDY)
     kept.write_text(kept.read_text().replace(WINDOW, "window: {start: 0.2, end: 0.5}"))
     monkeypatch.setattr("labbook.lab.evaluations.evaluate", lambda *_: pytest.fail("somebody who looked evaluated"))
     before = listing(lab)
@@ -722,7 +724,7 @@ def test_a_permalink_warns_when_the_results_have_changed(copied):
 
 def test_of_two_backends_the_one_with_most_runs_is_shown(mixed):
     somebody = client(mixed)
-    kept = studies.place(LabFolder(mixed), STUDY)
+    kept = studies.study_path(LabFolder(mixed), STUDY)
     assert "[8, 18, 24]" in kept.read_text()
     assert somebody.get(f"/study/{STUDY}.json").json()["backend"] == "toy"
     twin = somebody.get(f"/study/{STUDY}.json", params={"backend": "twin"}).json()

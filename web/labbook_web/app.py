@@ -40,7 +40,7 @@ from labbook_web.pages.point import point_page
 from labbook_web.pages.run import file_of, key_of, run_page
 from labbook_web.pages.runs import runs_page
 from labbook_web.pages.study import study_page
-from labbook_web.render import html, part
+from labbook_web.render import fragment, html
 from labbook_web.store import LabStore, NotFound
 
 LINKS = Links()
@@ -175,7 +175,7 @@ class App:
         if request.url.path.endswith(".json"):
             return Response(json.dumps({"error": why}), status, media_type="application/json")
         if request.headers.get("hx-request"):
-            return HTMLResponse(part("problem.html.j2", LINKS, why=why), status)
+            return HTMLResponse(fragment("problem.html.j2", LINKS, why=why), status)
         page = Page("error.html.j2", "", f"{status}", dict, _no_frame, {"status": status, "why": why})
         return HTMLResponse(html(page, LINKS, **self._shared_context()), status)
 
@@ -212,7 +212,7 @@ class App:
         name = request.path_params["name"]
         for listing in self.store.listings():
             if listing.name == name:
-                return HTMLResponse(part("card.html.j2", LINKS, **card(self.store, listing)))
+                return HTMLResponse(fragment("card.html.j2", LINKS, **card(self.store, listing)))
         raise NotFound(f"there is no study {name}")
 
     def _progress(self, request: Request) -> Response:
@@ -220,7 +220,7 @@ class App:
         processes = self.store.running()  # before the results: whoever hears of nobody has heard of all runs
         contents = self.store.contents(name, self.store.backend_of(name, request.query_params.get("backend")))
         context = {"progress": lab.progress(contents, processes), "contents": contents}
-        return HTMLResponse(part("progress.html.j2", LINKS, **context))
+        return HTMLResponse(fragment("progress.html.j2", LINKS, **context))
 
     def _figure(self, request: Request) -> Response:
         name, figure = request.path_params["name"], request.path_params["figure"]
@@ -241,7 +241,7 @@ class App:
                 raise NotFound(study.why_not(error, contents)) from error
             return Response(content, media_type=_FIGURE_TYPES[kind], headers=headers)
         context = study.figure(contents, figure, lambda: study.picture(self.store, contents, figure))
-        return HTMLResponse(part("figure.html.j2", LINKS, contents=contents, **context))
+        return HTMLResponse(fragment("figure.html.j2", LINKS, contents=contents, **context))
 
     def _yaml(self, request: Request) -> Response:
         text = self.store.study(request.path_params["name"])[1]
@@ -276,7 +276,7 @@ class App:
             viewer.recording(folders)
             opens = viewer.opening(folders)
         except (viewer.NoViewer, ViewerMissing, NotRecorded, OSError) as error:
-            return HTMLResponse(part("problem.html.j2", LINKS, why=str(error)))
+            return HTMLResponse(fragment("problem.html.j2", LINKS, why=str(error)))
         short = "-".join(key[:16] for key in keys)
         path = f"beside/{short}/recording.rrd" if len(keys) > 1 else f"run/{short}/recording.rrd"
         context = {
@@ -286,7 +286,7 @@ class App:
             "path": path,
             "opens": opens,
         }
-        return HTMLResponse(part("viewer.html.j2", LINKS, **context))
+        return HTMLResponse(fragment("viewer.html.j2", LINKS, **context))
 
     def _keys(self, request: Request) -> list[str]:
         """Keys of the runs in an address: their first digits, joined by hyphens."""
@@ -376,7 +376,7 @@ class App:
             why = str(error)
         note = Note(form.get("text", ""), tags) if why else self.store.note(kind, name)
         context = {"kind": kind, "name": name, "note": note, "why": why, "saved": not why, "read_only": False}
-        return HTMLResponse(part("note.html.j2", LINKS, **context), 400 if why else 200)
+        return HTMLResponse(fragment("note.html.j2", LINKS, **context), 400 if why else 200)
 
 
 def query_of(request: Request, page: str) -> dict[str, str]:

@@ -19,7 +19,7 @@ def html(page: Page, links: Links, **common: Any) -> str:
     )
 
 
-def part(template: str, links: Links, **context: Any) -> str:
+def fragment(template: str, links: Links, **context: Any) -> str:
     """Render a part of a page, which htmx inserts into an open one."""
     return _templates().get_template(template).render(links=links, **{"read_only": True, **context})
 

@@ -26,7 +26,7 @@ from labbook_web.pages.lab import card, lab_page, outcomes
 from labbook_web.pages.point import point_page
 from labbook_web.pages.run import run_page, sketch
 from labbook_web.pages.study import study_page
-from labbook_web.render import html, part
+from labbook_web.render import fragment, html
 from labbook_web.store import LabStore, NotFound, StudyContents
 
 MARK = "labbook-site.txt"
@@ -127,7 +127,7 @@ class _Writer:
         contexts = {one.name: card(self._store, one) for one in self._store.listings()}
         for tile in (tile for context in contexts.values() for tile in context.get("beds", ()) if tile.recorded):
             self._file(f"run/{tile.run[:16]}/loop.webp", viewer.loop(self._store.lab.run(tile.run)).read_bytes())
-        cards = {name: _raw(part("card.html.j2", links, **context)) for name, context in contexts.items()}
+        cards = {name: _raw(fragment("card.html.j2", links, **context)) for name, context in contexts.items()}
         counts: dict[str, int] = {}
         for entry in self._contents.values():
             for outcome, number in outcomes(entry.results).items():
@@ -150,9 +150,9 @@ class _Writer:
                 self._page(explore_page(self._store, name, {}))
             for result in entry.results.points:
                 self._page(point_page(self._store, name, result.point.index + 1, {}))
-        for place, key in enumerate(self._runs, 1):
-            if place % 100 == 0:
-                self._say(f"{place} of {len(self._runs)} runs")
+        for position, key in enumerate(self._runs, 1):
+            if position % 100 == 0:
+                self._say(f"{position} of {len(self._runs)} runs")
             self._run(key)
 
     def _study(self, name: str) -> None:
@@ -163,7 +163,7 @@ class _Writer:
             context = {**study_module.figure(contents, address, make), "kinds": FILES}
             if context["table"] and (table := study_module.numbers(contents, address)) is not None:
                 self._file(f"{page.path}/figure/{address}.csv", table.to_csv(index=False).encode())
-            figures[address] = _raw(part("figure.html.j2", links, contents=contents, **context))
+            figures[address] = _raw(fragment("figure.html.j2", links, contents=contents, **context))
         self._file(f"{page.path}/{name}.yaml", contents.text.encode())
         self._page(page, drawn=figures, kinds=FILES, command=command("run", f"{name}.yaml"))
 

@@ -296,7 +296,7 @@ class LabStore:
         path = self._files()[name]
 
         def find() -> StudyContents:
-            kind = partial(Results, place=self.lab, backend=backend)
+            kind = partial(Results, lab_folder=self.lab, backend=backend)
             results = stored_results(study, self.catalogue, backend, self._demands(path, study, backend), kind)
             comparisons, packings_of = self._comparisons(study), ""
             for first, second in (comparison.verdict.entrants for comparison in comparisons if not results.points):

@@ -19,7 +19,7 @@ from importlib.metadata import version as installed_version
 from pathlib import Path
 
 from labbook.export.entities import CLOCK
-from labbook.export.film import of_run, shows, source_of_film
+from labbook.export.film import is_film_of, of_run, source_of_film
 from labbook.export.frames import NotRecorded
 from labbook.export.loop import loop_of_run, source_of_loop
 from labbook.export.recording import middle_of, of_runs, path_of, recording_id
@@ -198,7 +198,7 @@ def stored_film(folder: Path) -> Path | None:
     """Path of the film of a run in the lab; None without one. Raises Unreadable."""
     record = RunRecord.read(folder)
     path = path_of(folder.parents[1] / "films", record, None, None, "-layers.webp")
-    return path if shows(path, source_of_film(record)) else None
+    return path if is_film_of(path, source_of_film(record)) else None
 
 
 def loop(folder: Path) -> Path:

@@ -60,10 +60,10 @@ def leaves_plate(rim: section, along: section, x: wide3, a: wide3, half: wide):
     while left > 0 and moved > near:
         beyond = beyond0 + s * (beyond1 + beyond1 + s * beyond2)
         rho = max(sqrt(max(beyond + radius * radius, zero)), real(1e-12))
-        over = beyond / (rho + radius) * out + (up0 + s * up1)
+        clearance = beyond / (rho + radius) * out + (up0 + s * up1)
         slope = (beyond1 + s * beyond2) / rho * out + up1
-        step = over / slope if slope < zero else -ends - ends
-        to = min(s - step, ends) if over > zero else s
+        step = clearance / slope if slope < zero else -ends - ends
+        to = min(s - step, ends) if clearance > zero else s
         moved = to - s
         s = to
         left = left - 1

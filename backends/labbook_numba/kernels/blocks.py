@@ -64,17 +64,17 @@ def coefficients_at(b, t, c):
 
 
 @func
-def vector_at(b, place):
+def vector_at(b, element):
     """Load a vector of a contact from three columns."""
-    return vec3(b[place], b[place + STRIDE], b[place + STRIDE + STRIDE])
+    return vec3(b[element], b[element + STRIDE], b[element + STRIDE + STRIDE])
 
 
 @func
-def put_vector(b, place, v):
+def put_vector(b, element, v):
     """Store a vector of a contact in three columns."""
-    b[place] = v.x
-    b[place + STRIDE] = v.y
-    b[place + STRIDE + STRIDE] = v.z
+    b[element] = v.x
+    b[element + STRIDE] = v.y
+    b[element + STRIDE + STRIDE] = v.z
 
 
 @func

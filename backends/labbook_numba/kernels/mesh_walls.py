@@ -8,7 +8,7 @@ from labbook_dem.mesh import (
     K_NORMAL,
     K_OLDER,
     K_OVERLAP,
-    K_PLACE,
+    K_SPRING,
     MESH_CONTACTS,
     OVER,
     SPRING_KEY,
@@ -18,7 +18,7 @@ from labbook_dem.mesh import (
     mesh_listed,
     mesh_near,
     mesh_normal,
-    mesh_places,
+    mesh_springs,
     mesh_vector,
     mesh_within,
 )
@@ -71,7 +71,7 @@ def may_touch(features, conditions, f, x, a, half, radius, moves):
 
 
 @func
-def placed_at(st: State, w, i):
+def grain_in_frame(st: State, w, i):
     """Position and axis of grain i in the frame of wall w; for spheres the axis has no meaning."""
     x = load(st.grains, i, X)
     a = x
@@ -88,7 +88,7 @@ def placed_at(st: State, w, i):
 def near_mesh(st: State, p: Params, w, i, moves):
     """True if grain i may touch mesh w before a point of it has moved by a distance [m]."""
     features, conditions = p.mesh_features, p.mesh_conditions
-    x, a = placed_at(st, w, i)
+    x, a = grain_in_frame(st, w, i)
     radius = radius_of(st.body, i, p.radius)
     cell = mesh_cell(p.mesh_frame, w, x)
     if cell >= 0:
@@ -113,7 +113,7 @@ def list_features(st: State, p: Params, first, near):
         for k in range(st.wall_first[w], st.wall_first[w + 1]):
             if p.wall_kind[w] == MESH_NUMBER:
                 i = st.wall_grain[k]
-                x, a = placed_at(st, w, i)
+                x, a = grain_in_frame(st, w, i)
                 radius = radius_of(st.body, i, p.radius)
                 cell = mesh_cell(p.mesh_frame, w, x)
                 if cell >= 0:
@@ -208,11 +208,11 @@ def pack_mesh(st: State, p: Params, w, k, last, b, i, slot):
                 rows = 1
                 touch[0, K_OVERLAP] = np.inf  # more contacts than there is room for: the guard stops the run
             if FRICTION:
-                bits[k] = mesh_places(features, touch, rows, before, spring, base)
+                bits[k] = mesh_springs(features, touch, rows, before, spring, base)
             for n in range(rows):
                 normal, overlap = mesh_vector(touch, n, K_NORMAL), touch[n, K_OVERLAP]
                 put_normal(b, count, pose, now, w, motion, x, radius, overlap, normal, p.dt, step)
-                row = base + int64(touch[n, K_PLACE])
+                row = base + int64(touch[n, K_SPRING])
                 put_spring(b, i, slot, j, count, grain, row, int64(touch[n, K_FEATURE]), touch[n, K_OLDER])
                 count += uint64(1)
         k += uint64(1)
@@ -234,13 +234,13 @@ def mesh_now(st: State, p: Params, w, k, dt, out, rows):
     i = st.wall_grain[k]
     x = load(st.grains, i, X)
     radius = radius_of(st.body, i, p.radius)
-    place, _ = placed_at(st, w, i)
-    contacts = contacts_at(st, p, k, place, radius)
+    position, _ = grain_in_frame(st, w, i)
+    contacts = contacts_at(st, p, k, position, radius)
     if POSES:
         spin = spin + part_spin(st.pose, pose_now(st), w)
     base = int64(k) * int64(WALL_PARTS)
     if FRICTION:
-        mesh_places(p.mesh_features, st.touch, contacts, int64(st.wall_held[k]), st.wall_spring, base)
+        mesh_springs(p.mesh_features, st.touch, contacts, int64(st.wall_held[k]), st.wall_spring, base)
     for n in range(contacts):
         normal = mesh_vector(st.touch, n, K_NORMAL)
         if POSES:
@@ -257,7 +257,7 @@ def mesh_now(st: State, p: Params, w, k, dt, out, rows):
                 u = u - part_velocity(st.pose, pose_now(st), w, x + branch)
                 v = v - part_velocity_before(st.pose, pose_now(st), w, x + branch, p.dt, st.count[STEP])
         older = st.touch[n, K_OLDER] if FRICTION else wide(0.0)
-        row = base + int64(st.touch[n, K_PLACE]) if FRICTION else base
+        row = base + int64(st.touch[n, K_SPRING]) if FRICTION else base
         spring = spring_at(st.wall_spring, row, older)
         if POSES:
             spring = spring_outwards(st.pose, pose_now(st), w, spring)

@@ -38,14 +38,14 @@ def pad_pairs(pair_i, pair_j, pairs, rows):
 
 
 @kernel
-def drop_leavers(st: State, p: Params, place):
-    """Remove grains below p.drop, keep the order of the others, and renumber lists; place: scratch for new rows."""
+def drop_leavers(st: State, p: Params, new_rows):
+    """Remove grains below p.drop, keep the order of the others, and renumber lists; new_rows: scratch for new rows."""
     n = st.count[GRAINS]
     new_row = 0
     for i in range(n):
-        place[i] = -1
+        new_rows[i] = -1
         if not st.grains[i, X + 2] < p.drop:  # so written that a grain at NaN stays, and a guard reports it
-            place[i] = new_row  # rows keep their order, so that lists still ascend
+            new_rows[i] = new_row  # rows keep their order, so that lists still ascend
             for c in range(GRAIN):
                 st.grains[new_row, c] = st.grains[i, c]
             for c in range(LOAD):
@@ -60,8 +60,8 @@ def drop_leavers(st: State, p: Params, place):
     st.count[LEAVING] = 0
     pairs = 0
     for k in range(st.count[PAIRS]):
-        a = place[st.pair_i[k]]
-        b = place[st.pair_j[k]]
+        a = new_rows[st.pair_i[k]]
+        b = new_rows[st.pair_j[k]]
         if a >= 0 and b >= 0:
             st.pair_i[pairs] = a
             st.pair_j[pairs] = b
@@ -77,7 +77,7 @@ def drop_leavers(st: State, p: Params, place):
         # wall_first[w + 1] is overwritten below: the old beginning of the next wall is kept in `first`
         last = st.wall_first[w + 1]
         for k in range(first, last):
-            a = place[st.wall_grain[k]]
+            a = new_rows[st.wall_grain[k]]
             if a >= 0:
                 st.wall_grain[walls] = a
                 st.wall_held[walls] = st.wall_held[k]
@@ -113,7 +113,7 @@ def copy_springs(
 def rebuild(st: State, p: Params, new: Lists, grid: Grid):
     """Rebuild all lists. Returns False, and the needed lengths in WANT_*, if an array of `new` is too short."""
     if OUTLET and st.count[LEAVING] > 0:
-        drop_leavers(st, p, grid.place)
+        drop_leavers(st, p, grid.new_rows)
     n = st.count[GRAINS]
     pairs = 0
     if n > 0:

@@ -7,10 +7,10 @@ from labbook_dem.mesh import (
     K_NORMAL,
     K_OLDER,
     K_OVERLAP,
-    K_PLACE,
+    K_SPRING,
     OVER,
     SPRING_KEY,
-    mesh_places,
+    mesh_springs,
     mesh_vector,
 )
 from labbook_dem.mesh_rods import mesh_rod_contacts
@@ -18,7 +18,7 @@ from labbook_dem.poses import outwards
 from labbook_dem.words import wide
 
 from labbook_numba.kernels.features import FRICTION, POSES, WALL_PARTS, int64, kernel
-from labbook_numba.kernels.mesh_walls import placed_at
+from labbook_numba.kernels.mesh_walls import grain_in_frame
 from labbook_numba.kernels.poses import pose_now
 from labbook_numba.state import Params, State
 
@@ -32,7 +32,7 @@ def measure_rod_at_mesh(st: State, p: Params, w, k):
     """
     i = st.wall_grain[k]
     near, touch = st.near, st.touch
-    x, a = placed_at(st, w, i)
+    x, a = grain_in_frame(st, w, i)
     count = mesh_rod_contacts(
         p.mesh_features, p.mesh_conditions, st.mesh_near, int64(st.mesh_first[k]), int64(st.mesh_first[k + 1]),
         x, a, p.half, p.radius, touch,
@@ -41,25 +41,25 @@ def measure_rod_at_mesh(st: State, p: Params, w, k):
         count = 1
         touch[0, K_OVERLAP] = np.inf  # more contacts than there is room for: the guard stops the run
     for n in range(count):
-        touch[n, K_PLACE] = n
+        touch[n, K_SPRING] = n
         touch[n, K_OLDER] = wide(0.0)
     if FRICTION:
         base = int64(k) * int64(WALL_PARTS)
-        mesh_places(p.mesh_features, touch, count, int64(st.wall_held[k]), st.wall_spring, base)
+        mesh_springs(p.mesh_features, touch, count, int64(st.wall_held[k]), st.wall_spring, base)
     now = 0
     older = 0
     for n in range(count):
-        place = int64(touch[n, K_PLACE])
+        index = int64(touch[n, K_SPRING])
         normal = mesh_vector(touch, n, K_NORMAL)
         if POSES:
             normal = outwards(st.pose, pose_now(st), w, normal)
-        near[place * 5] = p.radius - touch[n, K_OVERLAP]
-        near[place * 5 + 1] = normal.x
-        near[place * 5 + 2] = normal.y
-        near[place * 5 + 3] = normal.z
-        near[place * 5 + 4] = touch[n, K_ALONG]
-        now |= 1 << place
-        older |= int64(touch[n, K_OLDER]) << place
+        near[index * 5] = p.radius - touch[n, K_OVERLAP]
+        near[index * 5 + 1] = normal.x
+        near[index * 5 + 2] = normal.y
+        near[index * 5 + 3] = normal.z
+        near[index * 5 + 4] = touch[n, K_ALONG]
+        now |= 1 << index
+        older |= int64(touch[n, K_OLDER]) << index
     return now, older
 
 
@@ -68,7 +68,7 @@ def key_rod_springs(st: State, k, now):
     """Write the features of the contacts in st.touch beside their springs; now: mask with a bit for each contact."""
     n = 0
     while now != 0:
-        row = int64(k) * int64(WALL_PARTS) + int64(st.touch[n, K_PLACE])
+        row = int64(k) * int64(WALL_PARTS) + int64(st.touch[n, K_SPRING])
         st.wall_spring[row, SPRING_KEY] = st.touch[n, K_FEATURE]
         # clears the lowest bit: one turn for each contact
         now &= now - 1

@@ -9,7 +9,7 @@ from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
 from labbook_numba.kernels.blocks import reals
 from labbook_numba.kernels.bodies import rolling_inertia
 from labbook_numba.kernels.features import MESH_NUMBER, MESHES, WALL_PARTS, A, M, P, T, U, V, W, X
-from labbook_numba.kernels.rod_walls import heritage, measure_rod_at, wall_contact
+from labbook_numba.kernels.rod_walls import inherited_spring, measure_rod_at, wall_contact
 from labbook_numba.kernels.transfer import advance_of, load, spring_of, write_row
 from labbook_numba.state import Params, State
 
@@ -49,7 +49,7 @@ def walls_now(st: State, p: Params, w, k, dt, out, count):
     before = int(st.wall_held[k])
     for part in range(WALL_PARTS):
         if (now >> part) & 1:
-            spring, has_spring = heritage(st.wall_spring, k, part, before, now, is_mesh, older)
+            spring, has_spring = inherited_spring(st.wall_spring, k, part, before, now, is_mesh, older)
             force, _, _, point = wall_contact(st, p, w, i, part, spring, half_dt * (real(1.0) + has_spring), rate)
             write_row(out, count, st.ids[i], -1, w, force, point)
             count += 1

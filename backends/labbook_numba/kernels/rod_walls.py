@@ -6,7 +6,7 @@ Few rods are at walls. Each touches at up to four points, at a mesh at up to eig
 from labbook_dem.chosen import wall_edges, wall_part
 from labbook_dem.contact import rolling_rate
 from labbook_dem.poses import part_spin, part_velocity, part_velocity_before, spring_inwards, spring_outwards
-from labbook_dem.rods import has, heir, rod_on_wall
+from labbook_dem.rods import has, rod_on_wall, spring_source
 from labbook_dem.words import func, narrow, real, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import reals
@@ -109,10 +109,10 @@ def wall_contact(st: State, p: Params, w, i, part, spring, dt, rate):
 
 
 @func
-def heritage(spring, k, part, before, now, is_mesh, older):
+def inherited_spring(spring, k, part, before, now, is_mesh, older):
     """Spring that a part inherits, and 1 if there is one, else 0; at a mesh its own spring, if that is `older`."""
     # a turning rod may shift its contact from one part to another: the friction spring goes on there
-    source = heir(part, before, now)
+    source = spring_source(part, before, now)
     if MESHES:
         # springs of meshes belong to a feature of the mesh, and are found by its number
         own_part = part if has(older, part) else -1
@@ -141,10 +141,10 @@ def wall_forces(st: State, p: Params):
             if now == 0:
                 continue
             # at plates all springs are read before one is written: a part may inherit the spring of another
-            spring0, valid0 = heritage(st.wall_spring, k, 0, before, now, is_mesh, older)
-            spring1, valid1 = heritage(st.wall_spring, k, 1, before, now, is_mesh, older)
-            spring2, valid2 = heritage(st.wall_spring, k, 2, before, now, is_mesh, older)
-            spring3, valid3 = heritage(st.wall_spring, k, 3, before, now, is_mesh, older)
+            spring0, valid0 = inherited_spring(st.wall_spring, k, 0, before, now, is_mesh, older)
+            spring1, valid1 = inherited_spring(st.wall_spring, k, 1, before, now, is_mesh, older)
+            spring2, valid2 = inherited_spring(st.wall_spring, k, 2, before, now, is_mesh, older)
+            spring3, valid3 = inherited_spring(st.wall_spring, k, 3, before, now, is_mesh, older)
             for part in range(WALL_PARTS):
                 if has(now, part):
                     spring, valid = spring0, valid0
@@ -156,7 +156,7 @@ def wall_forces(st: State, p: Params):
                         spring, valid = spring3, valid3
                     if MESHES:  # noqa: SIM102 - compiled code leaves out what one constant decides
                         if part > 3:
-                            spring, valid = heritage(st.wall_spring, k, part, before, now, is_mesh, older)
+                            spring, valid = inherited_spring(st.wall_spring, k, part, before, now, is_mesh, older)
                     if not FRICTION:
                         spring = vec3(zero, zero, zero)
                     force, torque, new_spring, _ = wall_contact(

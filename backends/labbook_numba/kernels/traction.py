@@ -13,7 +13,7 @@ from labbook_numba.state import Params, State
 
 
 @entry
-def wall_sums(st: State, p: Params, bins, part, force_unit, torque_unit, rows, sums):
+def wall_sums(st: State, p: Params, bins, fraction, force_unit, torque_unit, rows, sums):
     """Add up the contacts with walls in integer quanta; bins, sums: see `BinTable`; rows: scratch for the contacts of a
     grain."""
     dt = real(p.dt)
@@ -35,7 +35,7 @@ def wall_sums(st: State, p: Params, bins, part, force_unit, torque_unit, rows, s
                 pressed, up, across = components(along, force, normal, point)
                 # integers, in quanta: their sums do not depend on the order of contacts or on the number of threads
                 sums[at, 0] += 1
-                sums[at, 1] += slides(force, normal, friction, part)
+                sums[at, 1] += slides(force, normal, friction, fraction)
                 sums[at, 2] += np.rint(force.x / force_unit)
                 sums[at, 3] += np.rint(force.y / force_unit)
                 sums[at, 4] += np.rint(force.z / force_unit)

@@ -50,7 +50,7 @@ from labbook_numba.kernels.features import (
 )
 from labbook_numba.lanes import eight_at, put, spread
 from labbook_numba.rows import add_rows, add_two_rows, columns, put_rows, rows, rows_at
-from labbook_numba.squeeze import exchange, squeeze, squeeze_places
+from labbook_numba.squeeze import exchange, squeeze, squeeze_indices
 
 
 @kernel
@@ -64,11 +64,11 @@ def fill_up(i, j, slot, count, ghost, spare):
 
 
 @func
-def put_vectors(b, place, x, y, z):
+def put_vectors(b, element, x, y, z):
     """Store eight vectors in three columns."""
-    put(b, place, x)
-    put(b, place + STRIDE, y)
-    put(b, place + STRIDE + STRIDE, z)
+    put(b, element, x)
+    put(b, element + STRIDE, y)
+    put(b, element + STRIDE + STRIDE, z)
 
 
 @kernel
@@ -177,18 +177,18 @@ def scatter_springs(spring, slot, b, count):
 
 
 @func
-def eights_at(near, place):
+def eights_at(near, element):
     """Load eight vectors from columns of State.near."""
-    return eight_at(near, place), eight_at(near, place + STRIDE), eight_at(near, place + STRIDE + STRIDE)
+    return eight_at(near, element), eight_at(near, element + STRIDE), eight_at(near, element + STRIDE + STRIDE)
 
 
 @func
-def squeeze_vectors(b, place, vectors, touching):
+def squeeze_vectors(b, element, vectors, touching):
     """Store the touching ones of eight vectors in columns of the block."""
     x, y, z = vectors
-    squeeze(b, place, x, touching)
-    squeeze(b, place + STRIDE, y, touching)
-    squeeze(b, place + STRIDE + STRIDE, z, touching)
+    squeeze(b, element, x, touching)
+    squeeze(b, element + STRIDE, y, touching)
+    squeeze(b, element + STRIDE + STRIDE, z, touching)
 
 
 @func
@@ -201,7 +201,7 @@ def squeeze_entries(b, slot, count, depth, has_spring, k, touching, in_list):
     squeeze(b, DEPTH + count, depth, touching)
     if FRICTION:
         squeeze(b, HELD + count, exchange(has_spring, k, touching, in_list), touching)
-        squeeze_places(slot, count, k, touching)
+        squeeze_indices(slot, count, k, touching)
 
 
 @func

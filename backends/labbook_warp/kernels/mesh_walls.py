@@ -8,7 +8,7 @@ from labbook_dem.mesh import (
     K_NORMAL,
     K_OLDER,
     K_OVERLAP,
-    K_PLACE,
+    K_SPRING,
     OVER,
     mesh_away,
     mesh_normal,
@@ -18,7 +18,7 @@ from labbook_dem.mesh import (
 from labbook_dem.words import FRICTION, ROLLING_SPRING, func, real, rounded, wide, wide3
 
 from labbook_warp.kernels.bodies import body
-from labbook_warp.kernels.meshes import at_place, is_mesh, mesh_parts_near, place_at, scratch, touched
+from labbook_warp.kernels.meshes import contact_of_spring, is_mesh, mesh_parts_near, position_at, scratch, touched
 from labbook_warp.kernels.parts import direction_in_space, velocity_before, velocity_of
 from labbook_warp.kernels.spheres import Grain, at_surface, with_wall
 from labbook_warp.kernels.sums import Contact, Sums, plus
@@ -66,16 +66,16 @@ def relative(a: System, m: Material, wall: int, g: Grain, at: wide3):
 
 
 @func
-def alone(a: System, s: int, r: int, k: int, begin: int, places: int):
+def alone(a: System, s: int, r: int, k: int, begin: int, held_springs: int):
     """The feature that is the only one near row r of a mesh, whose first entry is k, if its conditions hold and no
-    spring but its own is held; else -1. begin: first feature of the mesh; places: of springs that are held, as bits."""
+    spring but its own is held; else -1. begin: first feature of the mesh; held_springs: a bit for each held spring."""
     at = entry(a, s, a.seats, k // WALL_PARTS, r)
     feature = int(-1)
     if a.mesh_count[at] == 1:
         feature = -1 - a.mesh_near[at * MESH_LISTED]
-        if places > 1:
+        if held_springs > 1:
             feature = -1
-        elif places == 1:
+        elif held_springs == 1:
             if begin + a.wall_feature[entry(a, s, a.seats * WALL_PARTS, k, r)] != feature:
                 feature = -1
     return feature
@@ -90,16 +90,16 @@ def at_mesh(
     begin = load_int(a.mesh_begin, load_int(a.mesh_of, wall))
     reach = body(a, m, g.index).reach
     contacts = a.mesh_contacts[scratch(a, s, r, k)]
-    places = int((old >> wp.uint32(k)) & wp.uint32((1 << WALL_PARTS) - 1))
-    feature = alone(a, s, r, k, begin, places)
+    held_springs = int((old >> wp.uint32(k)) & wp.uint32((1 << WALL_PARTS) - 1))
+    feature = alone(a, s, r, k, begin, held_springs)
     single = feature >= 0
     q = int(k)
     count = int(0)
-    older = places == 1
+    older = held_springs == 1
     overlap = wide(0.0)
     normal = wide3(wide(0.0), wide(0.0), wide(0.0))
     if single:  # most grains
-        away = mesh_away(a.mesh_features, feature, place_at(a, wall, g.x))
+        away = mesh_away(a.mesh_features, feature, position_at(a, wall, g.x))
         if mesh_within(away, reach):
             distance, direction = mesh_normal(away)
             overlap = reach - distance
@@ -112,7 +112,7 @@ def at_mesh(
             bits = wp.uint32(1) << wp.uint32(k)
     for n in range(count):
         if not single:
-            q = k + int(contacts[n, K_PLACE])
+            q = k + int(contacts[n, K_SPRING])
             feature = int(contacts[n, K_FEATURE])
             older = contacts[n, K_OLDER] > wide(0.0)
             overlap = contacts[n, K_OVERLAP]
@@ -145,8 +145,8 @@ def at_walls(
         near = without_first(near, LANES)
         wall = wall_at(a, s, r, k // WALL_PARTS)
         if is_mesh(a, wall):
-            sums, places = at_mesh(a, m, s, r, k, wall, g, old, sums, keep)
-            bits = bits | places
+            sums, held_springs = at_mesh(a, m, s, r, k, wall, g, old, sums, keep)
+            bits = bits | held_springs
         else:
             at = entry(a, s, a.seats * WALL_PARTS, k, r)
             c = with_wall(a, m, wall, at, has_bit(old, k), g)
@@ -170,7 +170,7 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
     c = Contact()
     if is_mesh(a, wall):
         contacts = a.mesh_contacts[scratch(a, s, r, k)]
-        n = at_place(a, m, s, r, k, wall, old, g, contacts)
+        n = contact_of_spring(a, m, s, r, k, wall, old, g, contacts)
         if n >= 0:
             older = contacts[n, K_OLDER] > wide(0.0)
             normal = mesh_vector(contacts, n, K_NORMAL)
@@ -186,7 +186,7 @@ def normal_at(a: System, m: Material, s: int, r: int, k: int, wall: int, near: u
     _distance, normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
     if is_mesh(a, wall):
         contacts = a.mesh_contacts[scratch(a, s, r, k)]
-        n = at_place(a, m, s, r, k, wall, a.wall_held[g.index], g, contacts)
+        n = contact_of_spring(a, m, s, r, k, wall, a.wall_held[g.index], g, contacts)
         normal = mesh_vector(contacts, max(n, 0), K_NORMAL)
         if POSES:
             normal = direction_in_space(a, wall, normal)

@@ -1,4 +1,4 @@
-"""Grains at walls of triangles: which features are near, and the contacts of now with the places of their springs.
+"""Grains at walls of triangles: which features are near, and the contacts of now with the indices of their springs.
 
 Each near mesh has all entries of a wall, one for each contact that a grain may have with it. Which of its features a
 grain may touch is listed with the neighbours; a grain with more than MESH_LISTED takes all that its cell of the grid
@@ -8,20 +8,20 @@ lists. The list decides no bit. Places and normals are in the frame of the mesh.
 from __future__ import annotations
 
 from labbook_dem.mesh import (
-    K_PLACE,
+    K_SPRING,
     MESH_CONTACTS,
     SPRING_KEY,
     mesh_cell,
     mesh_contacts,
     mesh_listed,
     mesh_near,
-    mesh_places,
+    mesh_springs,
 )
 from labbook_dem.mesh_rods import mesh_rod_contacts, mesh_rod_near
 from labbook_dem.words import func, wide, wide3
 
 from labbook_warp.kernels.bodies import body
-from labbook_warp.kernels.parts import direction_in_part, place_in_part
+from labbook_warp.kernels.parts import direction_in_part, position_in_part
 from labbook_warp.kernels.shape import Grain
 from labbook_warp.kernels.system import Material, System, entry, material
 from labbook_warp.kernels.walls import wall_at
@@ -57,10 +57,10 @@ def scratch(a: System, s: int, r: int, k: int):
 
 
 @func
-def place_at(a: System, wall: int, x: wide3):
+def position_at(a: System, wall: int, x: wide3):
     """A point in space, in the frame of a mesh."""
     if POSES:
-        x = place_in_part(a, wall, x)
+        x = position_in_part(a, wall, x)
     return x
 
 
@@ -83,10 +83,10 @@ def radius_of(a: System, m: Material, i: int):
 
 @func
 def touched(a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint32, g: Grain, contacts: Table):
-    """Write the contacts of row r with a mesh, whose first entry is k, into `contacts`, with the places of their
+    """Write the contacts of row r with a mesh, whose first entry is k, into `contacts`, with the indices of their
     springs; how many, OVER if there is no room. old: at which springs are held."""
     radius = radius_of(a, m, s * a.cap + r)
-    x = place_at(a, wall, g.x)
+    x = position_at(a, wall, g.x)
     at = entry(a, s, a.seats, k // WALL_PARTS, r)
     mesh = load_int(a.mesh_of, wall)
     listed = a.mesh_count[at]
@@ -108,11 +108,11 @@ def touched(a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint
     if count > 0:
         begin = load_int(a.mesh_begin, mesh)
         # rows of contacts that are free by now stand for the springs
-        for place in range(MESH_CONTACTS):
-            feature = a.wall_feature[entry(a, s, a.seats * WALL_PARTS, k + place, r)]
-            contacts[MESH_CONTACTS + place, SPRING_KEY] = wide(begin + feature)
+        for index in range(MESH_CONTACTS):
+            feature = a.wall_feature[entry(a, s, a.seats * WALL_PARTS, k + index, r)]
+            contacts[MESH_CONTACTS + index, SPRING_KEY] = wide(begin + feature)
         bits = int((old >> wp.uint32(k)) & wp.uint32((1 << WALL_PARTS) - 1))
-        mesh_places(a.mesh_features, contacts, count, bits, contacts, MESH_CONTACTS)
+        mesh_springs(a.mesh_features, contacts, count, bits, contacts, MESH_CONTACTS)
     return count
 
 
@@ -120,12 +120,14 @@ def touched(a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint
 
 
 @func
-def at_place(a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint32, g: Grain, contacts: Table):
+def contact_of_spring(
+    a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint32, g: Grain, contacts: Table
+):
     """Number of the contact with a mesh whose spring has entry k, of those in `contacts`; -1 if there is none."""
-    place = k % WALL_PARTS
+    index = k % WALL_PARTS
     number = int(-1)
-    for n in range(touched(a, m, s, r, k - place, wall, old, g, contacts)):
-        if int(contacts[n, K_PLACE]) == place:
+    for n in range(touched(a, m, s, r, k - index, wall, old, g, contacts)):
+        if int(contacts[n, K_SPRING]) == index:
             number = n
     return number
 
@@ -157,7 +159,7 @@ def mesh_parts_near(a: System, m: Material, i: int, wall: int, x: wide3, axis: w
     else 0."""
     near = wp.uint32(0)
     radius = radius_of(a, m, i)
-    x = place_at(a, wall, x)
+    x = position_at(a, wall, x)
     axis = axis_at(a, wall, axis)
     cell = mesh_cell(a.mesh_frame, load_int(a.mesh_of, wall), x)
     if cell >= 0:
@@ -187,7 +189,7 @@ def list_features(a: System):
             near = near & ~(wp.uint32((1 << WALL_PARTS) - 1) << wp.uint32(seat * WALL_PARTS))
             wall = wall_at(a, s, r, seat)
             if is_mesh(a, wall):
-                x = place_at(a, wall, a.origin[i])
+                x = position_at(a, wall, a.origin[i])
                 axis = x
                 if ORIENTED:
                     axis = axis_at(a, wall, a.facing[i])

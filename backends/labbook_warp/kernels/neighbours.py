@@ -12,7 +12,7 @@ from labbook_warp.kernels.bodies import listed2
 from labbook_warp.kernels.parts import lists_are_due
 from labbook_warp.kernels.shape import Grain, displacement_and_speed, distance2, grain, parts_near, store_origin
 from labbook_warp.kernels.shown import position
-from labbook_warp.kernels.system import Material, Place, System, entry, has_bit, material
+from labbook_warp.kernels.system import Material, MemberDomain, System, entry, has_bit, material
 from labbook_warp.kernels.walls import wall_at
 from labbook_warp.kernels.words import (
     ANY_WALLS,
@@ -79,7 +79,7 @@ def wrap(n: int, cells: int):
 
 
 @func
-def cell_index(b: Place, cx: int, cy: int, cz: int):
+def cell_index(b: MemberDomain, cx: int, cy: int, cz: int):
     """Index of a cell within its member, from cell numbers that may lie outside of the lattice."""
     return (wrap(cz, b.gz) * b.gy + wrap(cy, b.gy)) * b.gx + wrap(cx, b.gx)
 
@@ -100,7 +100,7 @@ def fill_cells(a: System, p: Words):
     if a.flag[s] == 1 and i - s * a.cap < a.rows[s]:
         x = position(p, i).x
         if x[2] > wide(0.5) * wide(PARKED):
-            b = a.place[s]
+            b = a.domain[s]
             index = cell_index(
                 b,
                 cell_number(x[0], b.cell, b.gx),
@@ -109,11 +109,11 @@ def fill_cells(a: System, p: Words):
             )
             c = s * a.cells + index
             # in any order: lists are sorted by distance later, and bits do not depend on it
-            place = wp.atomic_add(a.cell_count, c, 1)
-            if place < a.depth:
-                a.cell_rows[c * a.depth + place] = i - s * a.cap
+            count_before = wp.atomic_add(a.cell_count, c, 1)
+            if count_before < a.depth:
+                a.cell_rows[c * a.depth + count_before] = i - s * a.cap
             else:
-                wp.atomic_max(a.overflow, 3 * s + 1, place + 1)
+                wp.atomic_max(a.overflow, 3 * s + 1, count_before + 1)
 
 
 @func
@@ -121,7 +121,7 @@ def collect_neighbours(a: System, p: Words, m: Material, s: int, r: int, g: Grai
     """Write the rows near row r into its new list, in any order; return their number if no other thread shares the
     grain."""
     i = s * a.cap + r
-    b = a.place[s]
+    b = a.domain[s]
     cx = cell_number(g.x[0], b.cell, b.gx)
     cy = cell_number(g.x[1], b.cell, b.gy)
     cz = cell_number(g.x[2], b.cell, b.gz)
@@ -204,7 +204,7 @@ def near_walls(a: System, m: Material, s: int, r: int, g: Grain):
     if LISTED:
         near = assign_wall_entries(a, m, s, r, g)
     else:
-        for q in range(a.place[s].walls):
+        for q in range(a.domain[s].walls):
             near = near | (parts_near(a, m, g, s * a.walls + q) << wp.uint32(q * WALL_PARTS))
     return near
 
@@ -224,7 +224,7 @@ def assign_wall_entries(a: System, m: Material, s: int, r: int, g: Grain):
     for q in range(a.seats):
         if (near_before >> wp.uint32(q * WALL_PARTS)) & all_parts != wp.uint32(0):
             near = near | (parts_near(a, m, g, wall_at(a, s, r, q)) << wp.uint32(q * WALL_PARTS))
-    for w in range(a.place[s].walls):
+    for w in range(a.domain[s].walls):
         own_entry = int(-1)
         free_entry = int(-1)
         for q in range(a.seats):

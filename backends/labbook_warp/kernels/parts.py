@@ -26,7 +26,7 @@ def row_of(a: System, wall: int):
 
 
 @func
-def place_in_part(a: System, wall: int, x: wide3):
+def position_in_part(a: System, wall: int, x: wide3):
     """A point in space, in the frame of a wall."""
     return in_part(a.pose, row_of(a, wall), load_int(a.pose_of, wall), x)
 

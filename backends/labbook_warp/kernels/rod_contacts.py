@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from labbook_dem.chosen import wall_distance
-from labbook_dem.rods import has, heir, rod_on_rod, rod_on_wall
+from labbook_dem.rods import has, rod_on_rod, rod_on_wall, spring_source
 from labbook_dem.segments import closest_from
 from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, vec3, wide, wide3
 
@@ -46,7 +46,7 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, has_spring
         b = narrow(there.axis)
         force, torque, _t, spring, delta = rod_on_rod(
             m.c, m.radius, m.mass, narrow(branch), rounded(overlap2), narrow(g.axis) * s, b * t,
-            g.u - u, g.v - v, g.soon, y, g.spin, w, last, advance, m.inertia_rate,
+            g.u - u, g.v - v, g.predicted_spin, y, g.spin, w, last, advance, m.inertia_rate,
         )  # fmt: skip
         c.overlap = delta
         c.force = force
@@ -75,7 +75,7 @@ def with_wall(
         last = spring_from_part(a, wall, last)
     f, t, spring = rod_on_wall(
         a.wall_c[wall], m.radius, m.mass, overlap, narrow(normal), narrow(lever), g.u - surface, g.v - surface,
-        g.soon, g.spin, turning, last, advance, m.inertia_rate,
+        g.predicted_spin, g.spin, turning, last, advance, m.inertia_rate,
     )  # fmt: skip
     c.touches = True
     c.overlap = overlap
@@ -98,7 +98,7 @@ def meet(
     was, now: the parts of that wall that touched a step ago and that touch now, as bits; keep: whether the spring is
     advanced in memory.
     """
-    source = heir(part, was, now)
+    source = spring_source(part, was, now)
     first = entry(a, s, a.seats * WALL_PARTS, q * WALL_PARTS, r)
     c = with_wall(a, m, wall_at(a, s, r, q), first + source * a.cap, source >= 0, g, distance, normal, at)
     if FRICTION:

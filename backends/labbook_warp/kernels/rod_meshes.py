@@ -5,10 +5,10 @@ Threads that share a rod take whole walls: the contacts of a rod with a mesh fol
 
 from __future__ import annotations
 
-from labbook_dem.mesh import K_ALONG, K_FEATURE, K_NORMAL, K_OLDER, K_OVERLAP, K_PLACE, OVER, mesh_vector
+from labbook_dem.mesh import K_ALONG, K_FEATURE, K_NORMAL, K_OLDER, K_OVERLAP, K_SPRING, OVER, mesh_vector
 from labbook_dem.words import FRICTION, func, real, wide, wide3
 
-from labbook_warp.kernels.meshes import at_place, is_mesh, mesh_parts_near, scratch, touched
+from labbook_warp.kernels.meshes import contact_of_spring, is_mesh, mesh_parts_near, scratch, touched
 from labbook_warp.kernels.parts import direction_in_space, velocity_before, velocity_of
 from labbook_warp.kernels.rod_contacts import at_plate, one_by_one, plate_normal, plate_parts, with_wall, without_walls
 from labbook_warp.kernels.rods import Grain
@@ -37,7 +37,7 @@ def relative(a: System, m: Material, wall: int, g: Grain, at: wide3):
     new.v = g.v - velocity_before(a, m, wall, at)
     new.spin = g.spin
     new.u = g.u - velocity_of(a, wall, at)
-    new.soon = g.soon
+    new.predicted_spin = g.predicted_spin
     return new
 
 
@@ -74,7 +74,7 @@ def at_mesh(
         sums.deepest = real(CROWDED)
         bits = wp.uint32(1) << wp.uint32(k)
     for n in range(count):
-        q = k + int(contacts[n, K_PLACE])
+        q = k + int(contacts[n, K_SPRING])
         at = entry(a, s, a.seats * WALL_PARTS, q, r)
         c = at_features(a, m, wall, at, g, contacts, n)
         sums = plus(sums, c, m)
@@ -118,7 +118,7 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
     c = Contact()
     if is_mesh(a, wall):
         contacts = a.mesh_contacts[scratch(a, s, r, k)]
-        n = at_place(a, m, s, r, k, wall, old, g, contacts)
+        n = contact_of_spring(a, m, s, r, k, wall, old, g, contacts)
         if n >= 0:
             c = at_features(a, m, wall, entry(a, s, a.seats * WALL_PARTS, k, r), g, contacts, n)
     else:
@@ -132,7 +132,7 @@ def normal_at(a: System, m: Material, s: int, r: int, k: int, wall: int, near: u
     normal = wide3(wide(0.0), wide(0.0), wide(0.0))
     if is_mesh(a, wall):
         contacts = a.mesh_contacts[scratch(a, s, r, k)]
-        n = at_place(a, m, s, r, k, wall, a.wall_held[s * a.cap + r], g, contacts)
+        n = contact_of_spring(a, m, s, r, k, wall, a.wall_held[s * a.cap + r], g, contacts)
         normal = normal_of(a, wall, contacts, max(n, 0))
     else:
         normal = plate_normal(a, m, s, r, k, wall, near, g)

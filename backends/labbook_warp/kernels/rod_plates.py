@@ -54,7 +54,7 @@ def at_walls(
 def abreast(
     a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
 ):  # fmt: skip
-    """Each thread takes one part of one wall at a time. No spring is read that another writes: see `heir`."""
+    """Each thread takes one part of one wall at a time. No spring is read that another writes: see `spring_source`."""
     held = wp.uint32(0)
     part = lane % WALL_PARTS
     near = without_walls(near, lane // WALL_PARTS)

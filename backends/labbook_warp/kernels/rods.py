@@ -30,7 +30,7 @@ class Grain:
     v: vec3  # [m/s], half a step before
     spin: vec3  # [rad/s], half a step before
     u: vec3  # [m/s], v predicted for now
-    soon: vec3  # [rad/s], spin predicted for now
+    predicted_spin: vec3  # [rad/s], spin predicted for now
     q: wide4  # unit quaternion (w, x, y, z)
     w: vec3  # [rad/s], reduced angular momentum half a step before
 
@@ -46,7 +46,7 @@ def grain(p: Words, m: Material, i: int):
     g.v = v
     g.spin = w
     g.u = u
-    g.soon = y
+    g.predicted_spin = y
     return g
 
 
@@ -56,7 +56,7 @@ class Private:
 
     q: wide4
     w: vec3
-    rest: real  # rounding error of the vertical velocity [m/s]; see `shown`
+    rounding: real  # rounding error of the vertical velocity [m/s]; see `shown`
 
 
 @func
@@ -66,7 +66,7 @@ def private(a: System, p: Words, i: int):
     hidden = Private()
     hidden.q = load_wide4(a.turned, i)
     hidden.w = vec3(momentum[0], momentum[1], momentum[2])
-    hidden.rest = momentum[3]
+    hidden.rounding = momentum[3]
     return hidden
 
 
@@ -84,11 +84,11 @@ def complete(g: Grain, hidden: Private):
 
 
 @func
-def store(a: System, q: Words, i: int, g: Grain, rest: real):
-    """Write grain i; rest: rounding error of its vertical velocity [m/s]."""
+def store(a: System, q: Words, i: int, g: Grain, rounding: real):
+    """Write grain i; rounding: rounding error of its vertical velocity [m/s]."""
     store_wide4(a.turned, i, g.q)
-    store_four(a.momentum, i, real4(g.w[0], g.w[1], g.w[2], rest))
-    put(q, i, g.x, g.axis, g.v, g.spin, g.u, g.soon)
+    store_four(a.momentum, i, real4(g.w[0], g.w[1], g.w[2], rounding))
+    put(q, i, g.x, g.axis, g.v, g.spin, g.u, g.predicted_spin)
 
 
 @func
@@ -110,7 +110,7 @@ def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn_acc:
     )
     along = narrow(new.axis)
     new.spin = spin(new.w, along, real(m.slenderness))
-    new.soon = spin(y, along, real(m.slenderness))
+    new.predicted_spin = spin(y, along, real(m.slenderness))
     return new
 
 
@@ -134,7 +134,7 @@ def at_rest(g: Grain, z: wide):
     new.w = zero
     new.u = zero
     new.spin = zero
-    new.soon = zero
+    new.predicted_spin = zero
     return new
 
 

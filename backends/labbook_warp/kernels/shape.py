@@ -32,7 +32,7 @@ class Grain:
 class Private:
     """Per-grain data that only its own thread reads."""
 
-    rest: real  # rounding error of the vertical velocity [m/s]; see `shown`
+    rounding: real  # rounding error of the vertical velocity [m/s]; see `shown`
 
 
 # state and motion
@@ -53,8 +53,8 @@ def complete(g: Grain, hidden: Private) -> Grain:
     raise NotImplementedError(_OF_SHAPE)
 
 
-def store(a: System, q: Words, i: int, g: Grain, rest: real) -> None:
-    """Write grain i; rest: rounding error of its vertical velocity [m/s]."""
+def store(a: System, q: Words, i: int, g: Grain, rounding: real) -> None:
+    """Write grain i; rounding: rounding error of its vertical velocity [m/s]."""
     raise NotImplementedError(_OF_SHAPE)
 
 

@@ -35,7 +35,7 @@ def motion(p: Words, i: int, s: GrainPosition) -> Any:
     raise NotImplementedError(_GENERATED)
 
 
-def rest(p: Words, i: int) -> real:
+def rounding_error(p: Words, i: int) -> real:
     """Rounding error of the vertical velocity [m/s]: without it, gravity's small kicks would all be rounded the same
     way.
 
@@ -45,5 +45,5 @@ def rest(p: Words, i: int) -> real:
 
 
 def put(p: Words, i: int, *numbers: Any) -> None:
-    """Store the shared state of grain i: the vectors of `position` and `motion`, and of a sphere also `rest`."""
+    """Store the shared state of grain i: vectors of `position` and `motion`, and of a sphere also `rounding_error`."""
     raise NotImplementedError(_GENERATED)

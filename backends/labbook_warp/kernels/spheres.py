@@ -23,7 +23,7 @@ from labbook_dem.words import (
 
 from labbook_warp.kernels.bodies import body, contact_distance2, pair_coefficients, wall_coefficients
 from labbook_warp.kernels.parts import spring_from_part, spring_to_part, turning_of
-from labbook_warp.kernels.shown import motion, position, put, rest
+from labbook_warp.kernels.shown import motion, position, put, rounding_error
 from labbook_warp.kernels.sums import Contact, rolling_before, spring_before
 from labbook_warp.kernels.system import Material, System
 from labbook_warp.kernels.walls import wall_velocity
@@ -61,14 +61,14 @@ def grain(p: Words, m: Material, i: int):
 class Private:
     """Per-grain data that only its own thread reads."""
 
-    rest: real  # rounding error of the vertical velocity [m/s]; see `shown`
+    rounding: real  # rounding error of the vertical velocity [m/s]; see `shown`
 
 
 @func
 def private(a: System, p: Words, i: int):
     """Load the private data of grain i."""
     hidden = Private()
-    hidden.rest = rest(p, i)
+    hidden.rounding = rounding_error(p, i)
     return hidden
 
 
@@ -79,9 +79,9 @@ def complete(g: Grain, hidden: Private):
 
 
 @func
-def store(a: System, q: Words, i: int, g: Grain, rest: real):
-    """Write grain i; rest: rounding error of its vertical velocity [m/s]."""
-    put(q, i, g.x, g.v, g.w, g.u, rest)
+def store(a: System, q: Words, i: int, g: Grain, rounding: real):
+    """Write grain i; rounding: rounding error of its vertical velocity [m/s]."""
+    put(q, i, g.x, g.v, g.w, g.u, rounding)
 
 
 @func

@@ -93,13 +93,13 @@ def record_crossing(a: System, plane: wide, dt: wide, s: int, i: int, now: int64
 
 @func
 def advance(
-    a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Grain, rest: real, force: wide3, torque: wide3
+    a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Grain, rounding: real, force: wide3, torque: wide3
 ):  # fmt: skip
     """Move grain i by one step and write it to q (leapfrog; `labbook_dem.motion`).
 
     Record its passage, failure and work too, and park it once it is far below the outlet.
 
-    rest: rounding error of its vertical velocity so far [m/s]; force: of contacts, without weight [N]; torque [N m].
+    rounding: error of its vertical velocity so far [m/s]; force: of contacts, without weight [N]; torque [N m].
     """
     kick_dt = m.dt
     if now == wp.int64(0):
@@ -107,11 +107,11 @@ def advance(
     gravity = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
     acc = force * inverse_mass(a, m, i) + gravity
     turn_acc = torque * inverse_inertia(a, m, i)
-    v0 = widen(g.v) + wide3(wide(0.0), wide(0.0), wide(rest))
+    v0 = widen(g.v) + wide3(wide(0.0), wide(0.0), wide(rounding))
     w0 = widen(g.w)
     v2 = wide3(kick(v0[0], acc[0], kick_dt), kick(v0[1], acc[1], kick_dt), kick(v0[2], acc[2], kick_dt))
     v1 = narrow(v2)
-    rest = rounded(v2[2] - wide(v1[2]))
+    rounding = rounded(v2[2] - wide(v1[2]))
     w2 = wide3(kick(w0[0], turn_acc[0], kick_dt), kick(w0[1], turn_acc[1], kick_dt), kick(w0[2], turn_acc[2], kick_dt))
     if LEDGER:
         half_dt = wide(0.5) * kick_dt
@@ -121,12 +121,12 @@ def advance(
     u1 = narrow(wide3(predict(v2[0], acc[0], m.dt), predict(v2[1], acc[1], m.dt), predict(v2[2], acc[2], m.dt)))
     new = moved(m, g, x1, v1, w2, u1, turn_acc)
     if CROSSING:
-        plane = a.place[s].plane
+        plane = a.domain[s].plane
         if x1[2] < plane:
             if a.gone[i] == 0:
                 record_crossing(a, plane, m.dt, s, i, now, g.x[2], new)
     if OUTLET:
-        if x1[2] < a.place[s].drop:  # far below the outlet: it touches no grain that is still counted
+        if x1[2] < a.domain[s].drop:  # far below the outlet: it touches no grain that is still counted
             wp.atomic_add(a.left, s, 1)
             # its last contacts no longer count
             a.held[i] = wp.uint32(0)
@@ -134,7 +134,7 @@ def advance(
             if LEDGER:
                 a.deep[i] = wide(0.0)
             new = at_rest(new, wide(PARKED))
-            rest = real(0.0)
+            rounding = real(0.0)
     speed2 = max_speed2(m, new)
     # written so that NaN fails too
     if not speed2 <= m.speed_limit2 or not dot(new.w, new.w) >= real(0.0):
@@ -144,7 +144,7 @@ def advance(
         record_failure(a, s, i, now + wp.int64(1), code, wp.sqrt(speed2))
     elif speed2 > load_real(a.most_speed2, s):  # rarely true: saves the atomic
         wp.atomic_max(a.most_speed2, s, speed2)
-    store(a, q, i, new, rest)
+    store(a, q, i, new, rounding)
 
 
 @func
@@ -207,7 +207,7 @@ def step(a: System, p: Words, q: Words, slot: int, first: int, some: int, arrive
                         a.deep[i] = wide(deepest)
                     if not SHARED:
                         hidden = private(a, p, i)
-                    advance(a, q, m, s, i, now, complete(g, hidden), hidden.rest, force, torque)
+                    advance(a, q, m, s, i, now, complete(g, hidden), hidden.rounding, force, torque)
             else:
                 if lane == 0:
                     copy_words(p, q, i)

@@ -66,7 +66,7 @@ class Material:
 
 
 @struct
-class Place:
+class MemberDomain:
     """Outlet of a member, its lattice of cells, and its number of walls."""
 
     plane: wide  # height [m] of the plane of crossings
@@ -92,7 +92,7 @@ class System:
     step: Longs
     common: Material
     material: wp.array(dtype=Material)  # pyright: ignore[reportInvalidTypeForm]
-    place: wp.array(dtype=Place)  # pyright: ignore[reportInvalidTypeForm]
+    domain: wp.array(dtype=MemberDomain)  # pyright: ignore[reportInvalidTypeForm]
     pair_c: Coefs  # of kinds a and b of slot s at (s * KINDS + a) * KINDS + b, where grains differ
     wall_c: Coefs  # of wall g = s * walls + w, or of kind k there at g * KINDS + k
     wall_numbers: Wides  # WALL_NUMBERS of each wall (`labbook_dem.dispatch`)

@@ -13,11 +13,11 @@ from labbook_warp.kernels.words import PARKED, WALL_PARTS, Longs, Wides, Words, 
 
 
 @kernel
-def wall_sums(a: System, p: Words, bins: Wides, units: Wides, part: wide, sums: Longs):
+def wall_sums(a: System, p: Words, bins: Wides, units: Wides, fraction: wide, sums: Longs):
     """Add up the contacts with walls of all members as integers: the order of threads decides no bit.
 
     bins: WALL_COLUMNS numbers of each wall (`BinTable`); units: quanta of forces and torques of each slot; sums: of
-    each bin; part: see `slides`.
+    each bin; fraction: see `slides`.
     """
     i = wp.tid()
     s = i // a.cap
@@ -42,13 +42,13 @@ def wall_sums(a: System, p: Words, bins: Wides, units: Wides, part: wide, sums: 
                         force = widen(c.force)
                         torque = moment(point, force)
                         pressed, up, across = components(along, force, normal, point)
-                        place = bin_of(
+                        index = bin_of(
                             along, bins[WALL_COLUMNS * wall + 1], bins[WALL_COLUMNS * wall + 2], count, point
                         )
-                        at = SUMS * (int(bins[WALL_COLUMNS * wall + 4]) + place)
+                        at = SUMS * (int(bins[WALL_COLUMNS * wall + 4]) + index)
                         friction = friction_of(wall_coefficients(a, wall, body(a, m, i)))
                         wp.atomic_add(sums, at, wp.int64(1))
-                        wp.atomic_add(sums, at + 1, wp.int64(slides(force, normal, friction, part)))
+                        wp.atomic_add(sums, at + 1, wp.int64(slides(force, normal, friction, fraction)))
                         for n in range(3):
                             wp.atomic_add(sums, at + 2 + n, wp.int64(wp.rint(force[n] / force_unit)))
                             wp.atomic_add(sums, at + 5 + n, wp.int64(wp.rint(torque[n] / torque_unit)))

@@ -12,7 +12,7 @@ from labbook.checks.bench import bed, contacts
 from labbook.checks.bench.bed import BedConvergence
 from labbook.checks.bench.contacts import Convergence
 from labbook.checks.verify.materials import EVERY_LAW, LAWS
-from labbook.checks.verify.stand import Stand
+from labbook.checks.verify.platform import Platform
 
 QUICK = (10, 20, 40, 80)
 """Steps of a collision, in a quick measurement."""
@@ -67,18 +67,18 @@ def run(
     rods = "spherocylinder" in can.shapes and not quick
     errors: list[Convergence] = []
     for precision_name in precisions:
-        stand = Stand(backend, precision_name, device)
+        platform = Platform(backend, precision_name, device)
         for law in laws:
             for situation in contacts.SITUATIONS:
                 if (situation.rods and not rods) or (law, situation.name) in contacts.UNSETTLED:
                     continue
                 say(f"{law}, {precision_name}: {situation.name}")
-                errors.append(contacts.converge(stand, situation, law, steps))
+                errors.append(contacts.converge(platform, situation, law, steps))
     beds: list[BedConvergence] = []
     for name_of_bed, scene in () if quick else bed.beds(rods):
         say(f"settling {name_of_bed}")
         resting = bed.settle(backend, scene, device)
-        beds += [bed.converge(Stand(backend, p, device), name_of_bed, scene, resting, say) for p in precisions]
+        beds += [bed.converge(Platform(backend, p, device), name_of_bed, scene, resting, say) for p in precisions]
     return AccuracyReport(name, device, hardware(), tuple(errors), tuple(beds))
 
 

@@ -14,7 +14,7 @@ from labbook.backend import Backend, Settled
 from labbook.checks.bench.order import Order, fit_order
 from labbook.checks.bench.speed import pongo
 from labbook.checks.verify.materials import EVERY_LAW, G, spheres
-from labbook.checks.verify.stand import MemberStart, Stand, require
+from labbook.checks.verify.platform import MemberStart, Platform, require
 from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import CylinderSilo, Scene, Spherocylinders
@@ -83,37 +83,37 @@ def of_rods(count: int = 250) -> Scene:
 def settle(backend: Backend, scene: Scene, device: str = "cpu") -> Packing:
     """Let grains fall in the closed container until they rest, in double precision."""
     closed = scene.close()
-    stand = Stand(backend, "double", device)
+    platform = Platform(backend, "double", device)
     fallen = MemberStart(closed, collision(closed) / 30, place(closed, "gas", 1), settled_below=SETTLED)
-    motion = stand.run(fallen, 3000, 1000, until_event=True)
-    require(any(isinstance(event, Settled) for event in motion.events), "the bed has not come to rest")
-    return motion.end
+    trajectory = platform.run(fallen, 3000, 1000, until_event=True)
+    require(any(isinstance(event, Settled) for event in trajectory.events), "the bed has not come to rest")
+    return trajectory.end
 
 
-def converge(stand: Stand, label: str, scene: Scene, bed: Packing, say: Callable[[str], None]) -> BedConvergence:
+def converge(platform: Platform, label: str, scene: Scene, bed: Packing, say: Callable[[str], None]) -> BedConvergence:
     """Measure the error of a bed after its outlet opens; `bed` rests in the closed container."""
     start, unit = start_of_discharge(bed, scene.close(), scene), math.sqrt(scene.gravity * scene.grains.diameter)
     coarsest, d = collision(scene) / COARSEST, scene.grains.diameter
     count = round(FOLLOWED * math.sqrt(d / scene.gravity) / coarsest)
-    exact = Stand(stand.backend, "double", stand.device)
+    exact = Platform(platform.backend, "double", platform.device)
 
-    def ends(on: Stand, begin: Packing, part: int) -> Packing:
-        say(f"{label}, {on.precision}, t_c/{COARSEST * part}")
-        return _follow(on, scene, begin, coarsest / part, count * part)
+    def ends(on: Platform, begin: Packing, divisor: int) -> Packing:
+        say(f"{label}, {on.precision}, t_c/{COARSEST * divisor}")
+        return _follow(on, scene, begin, coarsest / divisor, count * divisor)
 
     finest = ends(exact, start, 2**HALVINGS)
     nudged = np.random.default_rng(1).normal(size=start.x.shape)
     apart = Packing(**{**start.arrays(), "x": start.x + NUDGE * d * nudged})
     growth = _distances(ends(exact, apart, 4).x, ends(exact, start, 4).x) / (NUDGE * d)
-    parts = [2**k for k in range(HALVINGS)]
-    ends_by_step = [ends(stand, start, part) for part in parts]
+    divisors = [2**k for k in range(HALVINGS)]
+    ends_by_step = [ends(platform, start, divisor) for divisor in divisors]
     x, v = (
         [_distances(getattr(end_state, name), getattr(finest, name)) for end_state in ends_by_step]
         for name in ("x", "v")
     )
     orders = [
         fit_order(
-            1 / np.array(parts[:-1]),
+            1 / np.array(divisors[:-1]),
             [np.median(_distances(getattr(a, n), getattr(b, n))) for a, b in pairwise(ends_by_step)],
         )
         for n in ("x", "v")
@@ -121,9 +121,9 @@ def converge(stand: Stand, label: str, scene: Scene, bed: Packing, say: Callable
     return BedConvergence(
         bed=label,
         law=scene.contact.law,
-        precision=stand.precision,
+        precision=platform.precision,
         grains=len(start),
-        steps=tuple(COARSEST * part for part in parts),
+        steps=tuple(COARSEST * divisor for divisor in divisors),
         position=tuple(float(np.median(e)) / d for e in x),
         farthest=tuple(float(e.max()) / d for e in x),
         velocity=tuple(float(np.median(e)) / unit for e in v),
@@ -134,9 +134,9 @@ def converge(stand: Stand, label: str, scene: Scene, bed: Packing, say: Callable
     )
 
 
-def _follow(stand: Stand, scene: Scene, start: Packing, dt: float, steps: int) -> Packing:
+def _follow(platform: Platform, scene: Scene, start: Packing, dt: float, steps: int) -> Packing:
     beats = next(k for k in range(1, steps + 1) if steps % k == 0 and steps // k <= 1000)
-    end = stand.run(MemberStart(scene, dt, start), beats, steps // beats).end
+    end = platform.run(MemberStart(scene, dt, start), beats, steps // beats).end
     require(len(end) == len(start), "a grain has left")
     order = np.argsort(end.ids) if end.ids is not None else slice(None)
     return Packing(x=end.x[order], v=end.v[order], omega=end.omega[order])

@@ -14,8 +14,8 @@ import numpy as np
 from labbook.checks.bench.order import Order, fit_order
 from labbook.checks.verify.materials import EVERY_LAW, D, G, floor, spheres
 from labbook.checks.verify.planar import PlanarBody, PlanarImpact
+from labbook.checks.verify.platform import MemberStart, Platform
 from labbook.checks.verify.rods import ROD
-from labbook.checks.verify.stand import MemberStart, Stand
 from labbook.scene import ContactLaw, Kind, Primitives, Scene, Spheres, Spherocylinders, Strip, Wall
 
 STEPS = (10, 20, 40, 80, 160, 320, 640)
@@ -79,31 +79,35 @@ class Convergence:
 
 
 def converge(
-    stand: Stand, situation: Situation, law: str, steps: Sequence[int] = STEPS, phases: int = PHASES
+    platform: Platform, situation: Situation, law: str, steps: Sequence[int] = STEPS, phases: int = PHASES
 ) -> Convergence:
-    """Measure one situation on a stand."""
+    """Measure one situation on a platform."""
     impacts = situation.make(EVERY_LAW[law])
-    return measure(stand, impacts, (situation.name, law), steps, phases)
+    return measure(platform, impacts, (situation.name, law), steps, phases)
 
 
 def measure(
-    stand: Stand, impacts: Sequence[PlanarImpact], names: tuple[str, str], steps: Sequence[int], phases: int = PHASES
+    platform: Platform,
+    impacts: Sequence[PlanarImpact],
+    names: tuple[str, str],
+    steps: Sequence[int],
+    phases: int = PHASES,
 ) -> Convergence:
     """Measure impacts that share a kernel; `names`: of the situation and the law."""
     expected = [impact.parted() for impact in impacts]
     rows: list[tuple[float, float, float]] = []
     for count in steps:
         phase_errors = [
-            errors(stand, impact, end, count, phases) for impact, end in zip(impacts, expected, strict=True)
+            errors(platform, impact, end, count, phases) for impact, end in zip(impacts, expected, strict=True)
         ]
         statistics = [(np.abs(e).max(1).mean(), np.abs(e.mean(0)).max(), e.std(0).max()) for e in phase_errors]
         rows.append(tuple(np.max(statistics, axis=0).tolist()))
     error, bias, scatter = (tuple(column) for column in zip(*rows, strict=True))
     orders = [fit_order(1 / np.array(steps), column) for column in (error, bias, scatter)]
-    return Convergence(*names, stand.precision, tuple(steps), error, bias, scatter, *orders)
+    return Convergence(*names, platform.precision, tuple(steps), error, bias, scatter, *orders)
 
 
-def errors(stand: Stand, impact: PlanarImpact, expected: np.ndarray, steps: int, phases: int) -> np.ndarray:
+def errors(platform: Platform, impact: PlanarImpact, expected: np.ndarray, steps: int, phases: int) -> np.ndarray:
     """Compute errors of every velocity and spin at each phase, in parts of the speed: shape [phases, components].
 
     If a collision were a whole number of steps, it would end at the phase at which it began, and the errors of its
@@ -120,8 +124,8 @@ def errors(stand: Stand, impact: PlanarImpact, expected: np.ndarray, steps: int,
         before = [(AHEAD + (k + 0.5) / phases) * dt for k, dt in enumerate(sizes)]
         starts = [MemberStart(impact.scene, dt, impact.packing(b)) for dt, b in zip(sizes, before, strict=True)]
         count = math.ceil(impact.follow * (steps + 0.5)) + AHEAD + 1
-    motions = stand.run_all(starts, 1, count)
-    return np.array([np.ravel(impact.error(motion.end, expected)) for motion in motions])
+    trajectories = platform.run_all(starts, 1, count)
+    return np.array([np.ravel(impact.error(trajectory.end, expected)) for trajectory in trajectories])
 
 
 # scenes
@@ -201,8 +205,8 @@ def _unlike(make: Make) -> list[PlanarImpact]:
     ]
 
 
-def _rod(place: tuple[float, float], angle: float, v: tuple[float, float] = (0.0, 0.0)) -> PlanarBody:
-    return PlanarBody(ROD.mass, ROD.inertia, ROD.radius, ROD.half_length, place, v, angle)
+def _rod(position: tuple[float, float], angle: float, v: tuple[float, float] = (0.0, 0.0)) -> PlanarBody:
+    return PlanarBody(ROD.mass, ROD.inertia, ROD.radius, ROD.half_length, position, v, angle)
 
 
 def _rods(count: int, make: Make, *walls: Wall) -> Scene:
@@ -241,17 +245,19 @@ def beside(make: Make, tilt: float) -> list[PlanarImpact]:
 
 def _at_floor(make: Make, tilt: float) -> list[PlanarImpact]:
     a = math.sin(tilt), math.cos(tilt)
-    place = HALF * a[0], R + HALF * a[1]
+    position = HALF * a[0], R + HALF * a[1]
     slip = 0.8 * SPEED if tilt < 1 else 0.0
-    return [PlanarImpact.of(_rods(1, make, floor()), (_rod(place, tilt, (slip, -SPEED)),), "floor", SPEED, follow=4.0)]
+    return [
+        PlanarImpact.of(_rods(1, make, floor()), (_rod(position, tilt, (slip, -SPEED)),), "floor", SPEED, follow=4.0)
+    ]
 
 
 def _at_edge(make: Make) -> list[PlanarImpact]:
     tilt, at = 0.5, -0.3 * HALF
     a, n = (-math.cos(tilt), math.sin(tilt)), (math.sin(tilt), math.cos(tilt))
-    place = R * n[0] - at * a[0], R * n[1] - at * a[1]
+    position = R * n[0] - at * a[0], R * n[1] - at * a[1]
     v = SPEED * (0.8 * a[0] - n[0]), SPEED * (0.8 * a[1] - n[1])
-    return [PlanarImpact.of(_rods(1, make, EDGE), (_rod(place, math.atan2(*a), v),), "edge", SPEED, follow=4.0)]
+    return [PlanarImpact.of(_rods(1, make, EDGE), (_rod(position, math.atan2(*a), v),), "edge", SPEED, follow=4.0)]
 
 
 def slowing(make: Make) -> list[PlanarImpact]:

@@ -91,7 +91,7 @@ def contrast(quantity: str, first: Values, second: Values, margin: float, *, pai
     fields = {"quantity": quantity, "unit": UNITS.get(quantity, ""), "paired": paired, "finding": "untested"}
     fields |= {"seeds": seeds, "first": a, "second": b, "note": note}
     if min(len(a), len(b)) >= 2 and scale > 0:
-        test = tost(a, b, margin * scale, ALPHA, paired=paired).over(scale)
+        test = tost(a, b, margin * scale, ALPHA, paired=paired).relative_to(scale)
         fields |= {
             name: getattr(test, name) for name in ("finding", "difference", "error", "low", "high", "p", "power")
         }

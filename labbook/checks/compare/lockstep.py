@@ -58,7 +58,7 @@ class FramePair:
     failure: str = ""
 
     @property
-    def over(self) -> bool:
+    def has_ended(self) -> bool:
         """True if a guard stopped one of the backends, or one has no grains left."""
         return bool(self.failure) or not all(len(table["id"]) for table in self.tables)
 
@@ -96,7 +96,7 @@ def side_by_side(
             (a, rate, why), (b, other_rate, other_why) = next(first), next(second)
             frame = FramePair(number * numerics.beat, (a, b), (rate, other_rate), why or other_why)
             yield frame
-            if frame.over:
+            if frame.has_ended:
                 return
 
 
@@ -156,7 +156,7 @@ def divergence(
         for frame in frames:
             note, rates = frame.failure, frame.rates
             apart = distances(frame) / scene.grains.diameter
-            if frame.over or not len(apart):
+            if frame.has_ended or not len(apart):
                 ended = "failed" if note else "empty"
                 break
             times.append(frame.time)
@@ -208,7 +208,7 @@ def record(study: Study, point: Point, lab: LabFolder, pair: Pair, seconds: floa
     fields = film_probe(seconds / FRAMES, scene.grains).fields
     start = start_of_discharge(load_packing(lab.packing(keys[0].packing)).entered, demands[0].shared.closed, scene)
     frames = [
-        frame for frame in side_by_side(pair, demands[0], lab, seconds / FRAMES, seconds, fields) if not frame.over
+        frame for frame in side_by_side(pair, demands[0], lab, seconds / FRAMES, seconds, fields) if not frame.has_ended
     ]
     films = []
     for tables in zip(*(frame.tables for frame in frames), strict=True):

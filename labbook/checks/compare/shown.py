@@ -110,8 +110,8 @@ def _formatted(value: float | None, form: str) -> str:
     return _DASH if value is None else format(value, form)
 
 
-def _percent(part: float | None) -> str:
-    return _DASH if part is None else percent(part, "+.2f").replace("-", "−")
+def _percent(fraction: float | None) -> str:
+    return _DASH if fraction is None else percent(fraction, "+.2f").replace("-", "−")
 
 
 def figure(verdict: Verdict) -> "Figure":

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from labbook.backend.numerics import Precision
 from labbook.lab.folder import LabFolder, write_bytes
-from labbook.lab.records import Part, StoredBackend
+from labbook.lab.records import StoredBackend, StoredModel
 
 Finding = Literal["equivalent", "different", "undecided", "untested"]
 """`equivalent`: shown to lie within the margin. `different`: its whole interval lies beyond it. `undecided`: neither.
@@ -18,7 +18,7 @@ class NoVerdict(Exception):
     """There is no verdict, or it cannot be read; the message says what to do."""
 
 
-class Entrant(Part):
+class Entrant(StoredModel):
     """A backend as it was compared. `precision`: precision of its runs; None: that of the study."""
 
     name: str
@@ -32,7 +32,7 @@ class Entrant(Part):
         return called(self.name, self.precision)
 
 
-class Contrast(Part):
+class Contrast(StoredModel):
     """Equivalence test of one quantity at one point.
 
     Differences are second backend less first, as a part of the first one's mean.
@@ -59,7 +59,7 @@ class Contrast(Part):
     """Replicates for a power of 90 %."""
 
 
-class Divergence(Part):
+class Divergence(StoredModel):
     """Difference of positions from one packing [d], over the grains that both backends still have, against time [s]."""
 
     key: str
@@ -76,7 +76,7 @@ class Divergence(Part):
     """Grain-steps per second of each backend, alone with this scene."""
 
 
-class Cost(Part):
+class Cost(StoredModel):
     """Cost of the runs and packings of one backend."""
 
     backend: StoredBackend
@@ -93,7 +93,7 @@ class Cost(Part):
     """Grain-steps per second of that session, all runs together."""
 
 
-class PointVerdict(Part):
+class PointVerdict(StoredModel):
     """One point of the study. `runs`: keys of both backends' runs, from the first one's packings, by seed."""
 
     index: int
@@ -103,7 +103,7 @@ class PointVerdict(Part):
     divergence: Divergence | None
 
 
-class Verdict(Part):
+class Verdict(StoredModel):
     """Comparison of two backends on a study. `made`: UTC, ISO 8601; `measures`: versions of the measures used."""
 
     format: Literal[1] = 1

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from labbook.backend import load
 from labbook.checks.stress.case import Ending, Row, StressCase, judge, row
-from labbook.checks.verify.stand import Stand
+from labbook.checks.verify.platform import Platform
 
 
 @dataclass(frozen=True)
@@ -19,18 +19,18 @@ class NamedBackend:
     precision: str
     device: str
 
-    def stand(self) -> Stand:
+    def platform(self) -> Platform:
         """Load the backend. Raises BackendMissing, or Unsupported where it lacks the precision or device."""
-        return Stand(load(self.backend), self.precision, self.device)
+        return Platform(load(self.backend), self.precision, self.device)
 
 
-def judge_isolated(cases: Sequence[StressCase], bench: NamedBackend) -> Generator[list[Row], None, None]:
+def judge_isolated(cases: Sequence[StressCase], named_backend: NamedBackend) -> Generator[list[Row], None, None]:
     """Yield the rows of each case, from a process that is started again after a case hung or crashed it."""
     pool = _pool()
     try:
         for case in cases:
             try:
-                yield pool.submit(_judge, case, bench).result(timeout=case.seconds)
+                yield pool.submit(_judge, case, named_backend).result(timeout=case.seconds)
             except TimeoutError:
                 _stop(pool)
                 pool = _pool()
@@ -42,8 +42,8 @@ def judge_isolated(cases: Sequence[StressCase], bench: NamedBackend) -> Generato
         _stop(pool)
 
 
-def _judge(case: StressCase, bench: NamedBackend) -> list[Row]:
-    return judge(case, bench.stand())
+def _judge(case: StressCase, named_backend: NamedBackend) -> list[Row]:
+    return judge(case, named_backend.platform())
 
 
 def _pool() -> ProcessPoolExecutor:

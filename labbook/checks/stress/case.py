@@ -6,7 +6,7 @@ from typing import Literal
 
 from labbook.backend import Unsupported
 from labbook.checks.verify.case import SCENE_KEYS, Criterion, kind
-from labbook.checks.verify.stand import CaseNotMeasured, Stand
+from labbook.checks.verify.platform import CaseNotMeasured, Platform
 
 Outcome = Literal["right", "named error", "failed", "unsupported"]
 
@@ -44,7 +44,7 @@ class StressCase:
         name: Name of the case.
         attempt: The attempt, in a line.
         oracle: Criterion that tells right from wrong, in a line.
-        run: Runs the case on a stand and yields the outcome of each part.
+        run: Runs the case on a platform and yields the outcome of each part.
         slow: The case takes more than about thirty seconds.
         seconds: Wall-clock time after which the case counts as hung.
     """
@@ -52,7 +52,7 @@ class StressCase:
     name: str
     attempt: str
     oracle: str
-    run: Callable[[Stand], Iterator[Ending]]
+    run: Callable[[Platform], Iterator[Ending]]
     slow: bool = False
     seconds: float = 600.0
 
@@ -72,14 +72,14 @@ class Row:
     unit: str
 
 
-def judge(case: StressCase, stand: Stand) -> list[Row]:
+def judge(case: StressCase, platform: Platform) -> list[Row]:
     """Run a case and collect the rows of its parts.
 
     An exception becomes a row too. A case that yields no part has failed.
     """
     endings: list[Ending] = []
     try:
-        for ending in case.run(stand):
+        for ending in case.run(platform):
             endings.append(ending)
         if not endings:
             endings.append(Ending("", "failed", "the case checked nothing"))
@@ -98,11 +98,11 @@ def row(case: StressCase, ending: Ending) -> Row:
     return Row(case=case.name, what=case.attempt, oracle=case.oracle, **vars(ending))
 
 
-def within(stand: Stand, part: str, quantity: str, error: float, measure: Criterion) -> Ending:
+def within(platform: Platform, part: str, quantity: str, error: float, measure: Criterion) -> Ending:
     """Judge an error by its limit.
 
     Args:
-        stand: The stand, whose precision selects the limit.
+        stand: The platform, whose precision selects the limit.
         part: Name of the part.
         quantity: Name of the error.
         error: The error; NaN fails.
@@ -111,7 +111,7 @@ def within(stand: Stand, part: str, quantity: str, error: float, measure: Criter
     Returns:
         `right` if the error is at most the limit, else `failed`.
     """
-    limit = measure.limits[kind(stand)]
+    limit = measure.limits[kind(platform)]
     unit = f" {measure.unit}" if measure.unit else ""
     right = error <= limit
     figure = f"{quantity}: {error:.3g}{unit} {'<=' if right else '>'} {limit:.3g}{unit}"

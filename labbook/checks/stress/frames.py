@@ -15,10 +15,10 @@ from labbook.checks.stress.watch import follow, sound
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.collision import duration
 from labbook.checks.verify.materials import LAWS, D, G, room, scene, spheres
+from labbook.checks.verify.platform import MemberStart, Platform
 from labbook.checks.verify.rolling import DT as ROLLING_DT
 from labbook.checks.verify.rolling import lever, resting_on, slope
 from labbook.checks.verify.rolling_spring import MILLION, THRESHOLD, pyramid
-from labbook.checks.verify.stand import MemberStart, Stand
 from labbook.scene import Box, Plane, Primitives, Scene, Wall
 from labbook.scene.packing import Packing
 
@@ -67,30 +67,30 @@ ULP = 2.0**-43
 """Spacing of numbers in double precision near AWAY [m]."""
 
 
-def _far(stand: Stand) -> Iterator[Ending]:
+def _far(platform: Platform) -> Iterator[Ending]:
     """Positions far away have a resolution of 2^-43 m: each step rounds each coordinate by up to half of that."""
     for law in LAWS:
         ends = []
         for at in (np.zeros(3), np.full(3, AWAY)):
             here = scene(12, LAWS[law](**SOFT[law]), _walls(at), G)
             start = _cluster(ULP)
-            motion = sound(follow(stand, MemberStart(here, STEP, replace(start, x=start.x + at)), 4, STEPS // 4))
-            order = motion.end.rows(np.arange(12))
-            ends.append((motion.end.x[order] - at, motion.end.v[order], len(motion.end.pairs)))
+            trajectory = sound(follow(platform, MemberStart(here, STEP, replace(start, x=start.x + at)), 4, STEPS // 4))
+            order = trajectory.end.rows(np.arange(12))
+            ends.append((trajectory.end.x[order] - at, trajectory.end.v[order], len(trajectory.end.pairs)))
         (x, v, pairs), (far_x, far_v, _) = ends
         part = f"{law}, {pairs} contacts between grains"
         # a rounding a step, which the contacts of a cluster may multiply some tenfold
         limit = 20 * STEPS * 0.5 * ULP
-        yield within(stand, part, "position", float(np.abs(x - far_x).max()), limited(limit, "m", roundings=D))
+        yield within(platform, part, "position", float(np.abs(x - far_x).max()), limited(limit, "m", roundings=D))
         moved = float(np.abs(v - far_v).max())
-        yield within(stand, part, "velocity", moved, limited(limit / (STEP * PER_CONTACT), "m/s", roundings=300))
+        yield within(platform, part, "velocity", moved, limited(limit / (STEP * PER_CONTACT), "m/s", roundings=300))
 
 
 LENGTH, TIME, MASS = 3.7, 1.9, 0.6
 """Factors between the units; none is a power of two, which would leave the digits as they are."""
 
 
-def _units(stand: Stand) -> Iterator[Ending]:
+def _units(platform: Platform) -> Iterator[Ending]:
     """All numbers are rounded again; collisions let that grow, so the motion is short."""
     stiffness = {"shear_modulus": MASS / (LENGTH * TIME**2), "normal_stiffness": MASS / TIME**2}
     for law in LAWS:
@@ -102,20 +102,20 @@ def _units(stand: Stand) -> Iterator[Ending]:
         rescaled = Scene(grains=grains, contact=contact, container=box, gravity=G * LENGTH / TIME**2)
         start = _cluster(0.0)
         scaled = Packing(x=start.x * LENGTH, v=start.v * (LENGTH / TIME), omega=start.omega / TIME)
-        a = sound(follow(stand, MemberStart(original, STEP, start), 4, STEPS // 4)).end
-        b = sound(follow(stand, MemberStart(rescaled, STEP * TIME, scaled), 4, STEPS // 4)).end
+        a = sound(follow(platform, MemberStart(original, STEP, start), 4, STEPS // 4)).end
+        b = sound(follow(platform, MemberStart(rescaled, STEP * TIME, scaled), 4, STEPS // 4)).end
         first, second = (end.rows(np.arange(12)) for end in (a, b))
         off = float(np.abs(a.x[first] - b.x[second] / LENGTH).max()) / D
-        yield within(stand, law, "position", off, limited(1e-11, "d", roundings=1000))
+        yield within(platform, law, "position", off, limited(1e-11, "d", roundings=1000))
         off = float(np.abs(a.v[first] - b.v[second] * (TIME / LENGTH)).max()) / SPEED
-        yield within(stand, law, "velocity", off, limited(1e-10, roundings=1e4))
+        yield within(platform, law, "velocity", off, limited(1e-10, roundings=1e4))
 
 
 DRIFT = np.array([40.0, -30.0, 20.0])
 """Velocity of the frame [m/s]."""
 
 
-def _moving(stand: Stand) -> Iterator[Ending]:
+def _moving(platform: Platform) -> Iterator[Ending]:
     """An impact that the whole scene moves along with; contacts see velocities as differences."""
     fast = float(np.linalg.norm(DRIFT)) / SPEED
     for law in LAWS:
@@ -125,15 +125,15 @@ def _moving(stand: Stand) -> Iterator[Ending]:
             ends = []
             for drift in (np.zeros(3), DRIFT):
                 start = glancing(angle, dt, drift, np.array([0.0, 0.0, 1.0]))
-                motion = sound(follow(stand, MemberStart(here, dt, start), 4, PER_CONTACT))
-                ends.append((motion.end.v - drift, motion.end.omega))
+                trajectory = sound(follow(platform, MemberStart(here, dt, start), 4, PER_CONTACT))
+                ends.append((trajectory.end.v - drift, trajectory.end.omega))
             off = float(np.abs(ends[0][0] - ends[1][0]).max()) / SPEED
             spun = float(np.abs(ends[0][1] - ends[1][1]).max()) * D / SPEED
             # overlaps of 1e-8 m are differences of positions of 1 m; velocities are rounded at DRIFT
             measure = limited(1e-7, roundings=16, steps=2 * PER_CONTACT * fast)
             part = f"{law}, {angle:g} rad"
-            yield within(stand, part, "velocity", off, measure)
-            yield within(stand, part, "spin", spun, measure)
+            yield within(platform, part, "velocity", off, measure)
+            yield within(platform, part, "spin", spun, measure)
 
 
 SLOPES = tuple(math.radians(degrees) for degrees in (0.01, 45.0, 80.0, 89.0))
@@ -141,7 +141,7 @@ INCLINE_STEPS, INCLINE_BEATS = 1000, 20
 MOTION = Sample(fields=("v", "omega"))
 
 
-def _inclines(stand: Stand) -> Iterator[Ending]:
+def _inclines(platform: Platform) -> Iterator[Ending]:
     """A sphere rolls down at g sin t/(1 + 2/5 (R/l)^2) while tan t < mu (1 + 5/2 (l/R)^2), else slides down at
     g (sin t - mu cos t); l is the lever, R - delta."""
     for law in LAWS:
@@ -149,31 +149,31 @@ def _inclines(stand: Stand) -> Iterator[Ending]:
             for friction in (0.1, 5.0):
                 here = slope(law, angle, friction, 0.0)
                 start = MemberStart(here, ROLLING_DT, resting_on(here, angle))
-                motion = sound(follow(stand, start, INCLINE_BEATS, INCLINE_STEPS, [MOTION]))
-                vx, vz = np.moveaxis(motion.by_beat(MOTION, ("vx", "vz"))[:, 0], -1, 0)
-                speed, times = vx * math.cos(angle) - vz * math.sin(angle), motion.times(MOTION)
+                trajectory = sound(follow(platform, start, INCLINE_BEATS, INCLINE_STEPS, [MOTION]))
+                vx, vz = np.moveaxis(trajectory.by_beat(MOTION, ("vx", "vz"))[:, 0], -1, 0)
+                speed, times = vx * math.cos(angle) - vz * math.sin(angle), trajectory.times(MOTION)
                 half = len(times) // 2
                 measured = (speed[-1] - speed[half]) / (times[-1] - times[half])
-                arm = 2 * lever(here, angle) / D
-                rolls = math.tan(angle) < friction * (1 + 2.5 * arm**2)
+                lever_arm = 2 * lever(here, angle) / D
+                rolls = math.tan(angle) < friction * (1 + 2.5 * lever_arm**2)
                 expected = math.sin(angle) - (0 if rolls else friction * math.cos(angle))
-                expected *= G / (1 + 0.4 / arm**2) if rolls else G
+                expected *= G / (1 + 0.4 / lever_arm**2) if rolls else G
                 part = f"{law}, {math.degrees(angle):g} deg, mu = {friction:g}: {'rolls' if rolls else 'slides'}"
                 error = abs(measured / expected - 1)
-                yield within(stand, part, "acceleration", error, limited(1e-6, roundings=16, steps=4e4))
+                yield within(platform, part, "acceleration", error, limited(1e-6, roundings=16, steps=4e4))
 
 
-def _stands(stand: Stand, steps: int) -> Iterator[Ending]:
+def _stands(platform: Platform, steps: int) -> Iterator[Ending]:
     """Three spheres that only rolling springs hold, 2 % above the threshold of rolling friction."""
     beats = 1000  # a GPU prepares a beat as a whole: one of a million steps would take it minutes
-    place = Sample(fields=("x",), every=beats // 10)
+    sample = Sample(fields=("x",), every=beats // 10)
     bed, start = pyramid(1.02 * THRESHOLD, "epsd")
-    motion = sound(follow(stand, MemberStart(bed, ROLLING_DT, start), beats, steps // beats, [place]))
-    x = motion.by_beat(place, "xyz") / D
+    trajectory = sound(follow(platform, MemberStart(bed, ROLLING_DT, start), beats, steps // beats, [sample]))
+    x = trajectory.by_beat(sample, "xyz") / D
     moved = float(np.abs(x[-1] - x[0]).max())
     # springs, below 6e-4 d, lose up to a rounding a step
     measure = limited(1e-9, "d", roundings=6e-4 * steps)
-    yield within(stand, f"{steps:,} steps".replace(",", " "), "moved in the last nine tenths", moved, measure)
+    yield within(platform, f"{steps:,} steps".replace(",", " "), "moved in the last nine tenths", moved, measure)
 
 
 CASES = [

@@ -11,9 +11,9 @@ from labbook.checks.stress.watch import follow, sound
 from labbook.checks.verify.bed import wall_force_error
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.materials import LAWS, D, G, floor, scene
+from labbook.checks.verify.platform import MemberStart, Platform, Trajectory, grains_at
 from labbook.checks.verify.rods import rods_at, towards
 from labbook.checks.verify.rolling import static_overlap
-from labbook.checks.verify.stand import MemberStart, Motion, Stand, grains_at
 from labbook.scene import Box, Frustum, LinearSpringDashpot, Primitives, Scene, Spherocylinders, Strip, Wall
 from labbook.scene.container import Container
 from labbook.scene.packing import Packing
@@ -36,11 +36,11 @@ def _hole(radius: float) -> Primitives:
     return Primitives(parts=(Wall(name="plate", shape=Frustum(lower=(radius, 0.0), upper=(20 * D, 0.0))),))
 
 
-def places() -> dict[str, tuple[Primitives, float]]:
+def scenes_by_name() -> dict[str, tuple[Primitives, float]]:
     """Walls with an edge, ridge, corner or hole below x = 0, and the height [m] at which a sphere just touches them."""
     root = math.sqrt(0.5)
     reach = 10 * D
-    over = R * math.sin(math.acos(0.4 / 0.5))
+    height = R * math.sin(math.acos(0.4 / 0.5))
     return {
         "edge of a plate": (_strips(((0.0, 0.0), (reach, 0.0))), R),
         "edge of a steep plate": (_strips(((0.0, 0.0), (reach, -3 * reach))), R),
@@ -52,9 +52,9 @@ def places() -> dict[str, tuple[Primitives, float]]:
         ),
         "gap of 0.8 d between plates": (
             _strips(((0.4 * D, 0.0), (reach, 0.0)), ((-reach, 0.0), (-0.4 * D, 0.0))),
-            over,
+            height,
         ),
-        "round hole of 0.8 d": (_hole(0.4 * D), over),
+        "round hole of 0.8 d": (_hole(0.4 * D), height),
         "tip of a cone": (
             Primitives(parts=(Wall(name="cone", shape=Frustum(lower=(0.0, 0.0), upper=(reach, reach))),)),
             R / root,
@@ -62,43 +62,43 @@ def places() -> dict[str, tuple[Primitives, float]]:
     }
 
 
-def _on_edges(stand: Stand) -> Iterator[Ending]:
+def _on_edges(platform: Platform) -> Iterator[Ending]:
     """Dropped from a tenth of a diameter exactly above, a sphere stays there, gains no energy and rests."""
     for law in LAWS:
-        for name, (walls, height) in places().items():
+        for name, (walls, height) in scenes_by_name().items():
             here = scene(1, LAWS[law](**SOFT[law]), walls, G)
             start = grains_at([[0.0, 0.0, height + 0.1 * D]])
             part = f"{law}, {name}"
-            motion = yield from rests(stand, part, MemberStart(here, DT[law], start))
-            yield within(stand, part, "aside", float(np.abs(motion.end.x[0, :2]).max()) / D, limited(1e-12, "d"))
+            trajectory = yield from rest_at_end(platform, part, MemberStart(here, DT[law], start))
+            yield within(platform, part, "aside", float(np.abs(trajectory.end.x[0, :2]).max()) / D, limited(1e-12, "d"))
 
 
 BIN_WIDTHS = {"bins of 2 d": 2 * D, "bins of a micrometre": 1e-6, "one bin of a kilometre": 1e3}
 """Widths of bins [m]; the second gives more bins than a probe holds, so that its last bin takes the rest."""
 
 
-def _sums(stand: Stand) -> Iterator[Ending]:
+def _sums(platform: Platform) -> Iterator[Ending]:
     """Compare sums over contacts with walls with the rows of contacts, wherever contacts and bins lie."""
-    for name, (walls, height) in places().items():
+    for name, (walls, height) in scenes_by_name().items():
         here = scene(1, LAWS["linear"](**SOFT["linear"]), walls, G)
         start = grains_at([[0.0, 0.0, height - 1e-4 * D]], v=[0.05, 0.02, -0.1], omega=[3.0, 20.0, 1.0])
         for words, size in BIN_WIDTHS.items():
             probe = Traction(size=size)
-            motion = sound(follow(stand, MemberStart(here, DT["linear"], start), 8, 50, [Contacts(), probe]))
-            rows, sums = motion.rows(Contacts()), motion.rows(probe)
+            trajectory = sound(follow(platform, MemberStart(here, DT["linear"], start), 8, 50, [Contacts(), probe]))
+            rows, sums = trajectory.rows(Contacts()), trajectory.rows(probe)
             part = f"{name}, {words}"
             missed = abs(int(sums["contacts"].sum()) - len(rows["wall"]))
-            yield within(stand, part, "contacts missed", missed, limited(0.0))
+            yield within(platform, part, "contacts missed", missed, limited(0.0))
             if not len(rows["wall"]):
                 continue
             weight = here.grains.mass * G * 2.0**-24  # to which each force is rounded
             scale = float(np.abs([rows[axis] for axis in ("fx", "fy", "fz")]).max())
             off = max(abs(sums[axis].sum() - rows[axis].sum()) for axis in ("fx", "fy", "fz"))
             beyond = max(0.0, off - len(rows["wall"]) * weight) / scale
-            yield within(stand, part, "force apart", beyond, limited(1e-12, roundings=4))
+            yield within(platform, part, "force apart", beyond, limited(1e-12, roundings=4))
 
 
-def rests(stand: Stand, part: str, start: MemberStart) -> Generator[Ending, None, Motion]:
+def rest_at_end(platform: Platform, part: str, start: MemberStart) -> Generator[Ending, None, Trajectory]:
     """Check that a bed comes to rest, that walls bear its weight, and that it gains no energy on the way.
 
     Yields:
@@ -107,14 +107,14 @@ def rests(stand: Stand, part: str, start: MemberStart) -> Generator[Ending, None
     Returns:
         The motion.
     """
-    motion = sound(follow(stand, start, 40, 1000, [Ledger(), FORCES]))
-    table, grains = motion.rows(Ledger()), motion.scene.grains
+    trajectory = sound(follow(platform, start, 40, 1000, [Ledger(), FORCES]))
+    table, grains = trajectory.rows(Ledger()), trajectory.scene.grains
     energy = (table["kinetic"] + table["potential"]) / (grains.mass * G * grains.diameter)
     at_first = float(start.packing.x[:, 2].sum()) / grains.diameter
-    yield within(stand, part, "energy gained", float(energy.max()) - at_first, limited(1e-9, "m g d", roundings=1e3))
-    yield within(stand, part, "kinetic energy", motion.status.kinetic, limited(1e-9, "m g d"))
-    yield within(stand, part, "|wall force - weight|", wall_force_error(motion, FORCES), limited(1e-6))
-    return motion
+    yield within(platform, part, "energy gained", float(energy.max()) - at_first, limited(1e-9, "m g d", roundings=1e3))
+    yield within(platform, part, "kinetic energy", trajectory.status.kinetic, limited(1e-9, "m g d"))
+    yield within(platform, part, "|wall force - weight|", wall_force_error(trajectory, FORCES), limited(1e-6))
+    return trajectory
 
 
 LONG = Spherocylinders(diameter=2e-3, length=20e-3, density=1000, count=2)
@@ -138,7 +138,7 @@ def _meet(axes: np.ndarray, line: np.ndarray, distance: float, speed: float) -> 
     return rods_at([first, first + distance * line], [towards(axis) for axis in axes], v)
 
 
-def _aligned(stand: Stand) -> Iterator[Ending]:
+def _aligned(platform: Platform) -> Iterator[Ending]:
     """By symmetry nothing turns: the moving rod stops, and the rod at rest takes over its velocity, as spheres do."""
     speed, d = 0.1, LONG.diameter
     elastic = rods(2, Primitives(parts=(floor(),)), friction=0.5, restitution=1, tangential_damping=0.0)
@@ -155,16 +155,16 @@ def _aligned(stand: Stand) -> Iterator[Ending]:
     }
     for name, (axis_first, axis_second, line, touch) in ways.items():
         start = _meet(np.array([axis_first, axis_second]), line, touch + 2.5 * speed * dt, speed)
-        end = sound(follow(stand, MemberStart(elastic, dt, start), 4, 250)).end
+        end = sound(follow(platform, MemberStart(elastic, dt, start), 4, 250)).end
         wrong = np.abs(end.v - np.array([np.zeros(3), speed * line])).max() / speed
         part = f"impact {name}"
-        yield within(stand, part, "velocities exchanged", float(wrong), limited(1e-5, roundings=100, steps=1000))
+        yield within(platform, part, "velocities exchanged", float(wrong), limited(1e-5, roundings=100, steps=1000))
         spin = float(np.abs(end.omega).max()) * LONG.length / speed
         # a point of contact off the middle by a rounding turns rods by its lever
-        yield within(stand, part, "spin", spin, limited(1e-8, roundings=1000, steps=1000))
+        yield within(platform, part, "spin", spin, limited(1e-8, roundings=1000, steps=1000))
 
 
-def _stacked(stand: Stand) -> Iterator[Ending]:
+def _stacked(platform: Platform) -> Iterator[Ending]:
     """Rods exactly on top of one another, and in a box just wide enough for three abreast."""
     d = LONG.diameter
     wall = Primitives(parts=(floor(),))
@@ -173,23 +173,25 @@ def _stacked(stand: Stand) -> Iterator[Ending]:
         sunk = static_overlap(here, count * LONG.mass * G / 2)  # the lowest lies on both its ends
         x = [[0.0, 0.0, R_ROD - sunk + k * d] for k in range(count)]
         part = f"{count} rods along x on one another"
-        motion = yield from rests(stand, part, MemberStart(here, ROD_DT, rods_at(x, [towards(ALONG_X)] * count)))
-        aside = float(np.abs(motion.end.x[:, :2]).max()) / d
-        yield within(stand, part, "aside", aside, limited(1e-6, "d", roundings=1000))
-        between = np.diff(motion.end.x[motion.end.rows(np.arange(count)), 2])
+        trajectory = yield from rest_at_end(
+            platform, part, MemberStart(here, ROD_DT, rods_at(x, [towards(ALONG_X)] * count))
+        )
+        aside = float(np.abs(trajectory.end.x[:, :2]).max()) / d
+        yield within(platform, part, "aside", aside, limited(1e-6, "d", roundings=1000))
+        between = np.diff(trajectory.end.x[trajectory.end.rows(np.arange(count)), 2])
         above = LONG.mass * G * np.arange(count - 1, 0, -1)
         wrong = float(np.abs((d - between) / (above / STIFFNESS) - 1).max())
-        yield within(stand, part, "overlaps", wrong, limited(1e-6, roundings=1e4))
+        yield within(platform, part, "overlaps", wrong, limited(1e-6, roundings=1e4))
     box = Box(width=LONG.length * 1.001, depth=3.001 * d, height=1.0)
     here = rods(15, box, G, friction=0.5, restitution=0.2)
     x = [[0.0, (k - 1) * 1.0003 * d, R_ROD + layer * d] for layer in range(5) for k in range(3)]
     start = MemberStart(here, ROD_DT, rods_at(x, [towards(ALONG_X)] * 15))
-    yield from rests(stand, "15 parallel rods in a narrow box", start)
+    yield from rest_at_end(platform, "15 parallel rods in a narrow box", start)
     upright = Box(width=1.001 * d, depth=1.001 * d, height=1.0)
     here = rods(3, upright, G, friction=0.5, restitution=0.2)
     x = [[0.0, 0.0, LONG.length * (0.5 + k)] for k in range(3)]
     start = MemberStart(here, ROD_DT, rods_at(x, [towards(UPRIGHT)] * 3))
-    yield from rests(stand, "3 upright rods end to end in a tube", start)
+    yield from rest_at_end(platform, "3 upright rods end to end in a tube", start)
 
 
 R_ROD = LONG.radius

@@ -14,8 +14,8 @@ from labbook.checks.verify.case import limited
 from labbook.checks.verify.collision import duration
 from labbook.checks.verify.gas import elastic_energy
 from labbook.checks.verify.materials import LAWS, D, hertz, linear, room, scene
+from labbook.checks.verify.platform import MemberStart, Platform, Trajectory, grains_at
 from labbook.checks.verify.rods import rods, rods_at, towards
-from labbook.checks.verify.stand import MemberStart, Motion, Stand, grains_at
 from labbook.scene import Scene, Spherocylinders
 from labbook.scene.packing import Packing
 
@@ -68,19 +68,19 @@ def _relative(end: Packing) -> tuple[float, np.ndarray]:
     return along, v - along * HAT + 0.5 * D * np.cross(end.omega.sum(axis=0), HAT)
 
 
-def _collides(stand: Stand, here: Scene, angle: float, finer: int = 1) -> tuple[Packing, Motion]:
+def _collides(platform: Platform, here: Scene, angle: float, finer: int = 1) -> tuple[Packing, Trajectory]:
     """Run the impact long enough for e = 0.05, at the time step of the contact over `finer`."""
     dt = duration(here, SPEED * math.cos(angle)) / PER_CONTACT / finer
     start = glancing(angle, dt)
-    return start, sound(follow(stand, MemberStart(here, dt, start), 8, PER_CONTACT * finer, [Ledger()]))
+    return start, sound(follow(platform, MemberStart(here, dt, start), 8, PER_CONTACT * finer, [Ledger()]))
 
 
 _CHANGES: tuple[str, ...] = ("momentum", "angular momentum", "energy gained")
 
 
-def _changes(here: Scene, start: Packing, motion: Motion) -> dict[str, float]:
+def _changes(here: Scene, start: Packing, trajectory: Trajectory) -> dict[str, float]:
     """Relative changes of momentum, angular momentum and energy; that of energy is positive only if it grew."""
-    last, mass = {name: float(column[-1]) for name, column in motion.rows(Ledger()).items()}, here.grains.mass
+    last, mass = {name: float(column[-1]) for name, column in trajectory.rows(Ledger()).items()}, here.grains.mass
     p, l = (mass * np.sum(vectors, axis=0) for vectors in (start.v, np.cross(start.x, start.v)))
     energy = 0.5 * mass * float(np.sum(start.v**2))
     return {
@@ -91,8 +91,8 @@ def _changes(here: Scene, start: Packing, motion: Motion) -> dict[str, float]:
     }
 
 
-def _extremes(stand: Stand) -> Iterator[Ending]:
-    double = replace(stand, precision="double")
+def _extremes(platform: Platform) -> Iterator[Ending]:
+    double = replace(platform, precision="double")
     # a contact takes some 600 steps, each of which may round velocities kept in single
     exact = limited(5e-14, roundings=16, steps=1500)
     for law in LAWS:
@@ -102,17 +102,17 @@ def _extremes(stand: Stand) -> Iterator[Ending]:
                 worst = dict.fromkeys(_CHANGES, 0.0)
                 against: dict[str, list[float]] = {}
                 for angle in ANGLES:
-                    start, motion = _collides(stand, here, angle)
-                    for name, change in _changes(here, start, motion).items():
+                    start, trajectory = _collides(platform, here, angle)
+                    for name, change in _changes(here, start, trajectory).items():
                         worst[name] = max(worst[name], change)
-                    along, slip = _relative(motion.end)
+                    along, slip = _relative(trajectory.end)
                     normal, across = SPEED * math.cos(angle), SPEED * math.sin(angle)
                     if friction == 0:
                         against.setdefault("e", []).append(abs(-along / normal - e))
                         against.setdefault("velocity across", []).append(
                             abs(float(np.linalg.norm(slip)) - across) / SPEED
                         )
-                        spin = float(np.abs(motion.end.omega).max() * D) / SPEED
+                        spin = float(np.abs(trajectory.end.omega).max() * D) / SPEED
                         against.setdefault("spin", []).append(spin)
                     elif e == 1 and law == "linear":
                         # a spring of 2/7 k_n swings across as fast as k_n does along: a superball (Garwin 1969)
@@ -120,17 +120,17 @@ def _extremes(stand: Stand) -> Iterator[Ending]:
                         against.setdefault("superball", []).append(back / SPEED)
                     else:
                         fine = _collides(double, here, angle, 8)[1].end
-                        off = np.linalg.norm(motion.end.v - fine.v, axis=1).max()
-                        off = max(off, np.linalg.norm(motion.end.omega - fine.omega, axis=1).max() * D / 2)
+                        off = np.linalg.norm(trajectory.end.v - fine.v, axis=1).max()
+                        off = max(off, np.linalg.norm(trajectory.end.omega - fine.omega, axis=1).max() * D / 2)
                         against.setdefault("dt/8 in double", []).append(float(off) / SPEED)
                 part = f"{law}, e = {e:g}, mu = {friction:g}"
-                yield within(stand, part, "momentum", worst["momentum"], exact)
+                yield within(platform, part, "momentum", worst["momentum"], exact)
                 # positions are rounded once a step, the same way again and again
                 turned = limited(8 * PER_CONTACT * 2.0**-53, roundings=16, steps=1500)
-                yield within(stand, part, "angular momentum", worst["angular momentum"], turned)
-                yield within(stand, part, "energy gained", worst["energy gained"], LIMITS["energy gained"])
+                yield within(platform, part, "angular momentum", worst["angular momentum"], turned)
+                yield within(platform, part, "energy gained", worst["energy gained"], LIMITS["energy gained"])
                 for name, errors in against.items():
-                    yield within(stand, part, name, max(errors), LIMITS[name])
+                    yield within(platform, part, name, max(errors), LIMITS[name])
 
 
 LIMITS = {
@@ -151,7 +151,7 @@ STIFF = {"hertz-mindlin": {"shear_modulus": 1e10}, "linear": {"normal_stiffness"
 """Stiff enough for grains at LIMIT [m/s] to overlap by less than a tenth of d."""
 
 
-def _fast(stand: Stand) -> Iterator[Ending]:
+def _fast(platform: Platform) -> Iterator[Ending]:
     """A grain comes from ten diameters away, beyond every list, and hits one at rest: they exchange velocities."""
     for law in LAWS:
         elastic = {"restitution": 1, "friction": 0, "rolling_friction": 0}
@@ -160,43 +160,45 @@ def _fast(stand: Stand) -> Iterator[Ending]:
             dt = duration(here, speed) / 100
             x = [MIDDLE - 10 * D * HAT, MIDDLE]
             beats = math.ceil(12 * D / speed / dt / 100)
-            course = follow(stand, MemberStart(here, dt, grains_at(x, [speed * HAT, [0, 0, 0]])), beats, 100)
+            outcome = follow(platform, MemberStart(here, dt, grains_at(x, [speed * HAT, [0, 0, 0]])), beats, 100)
             part = f"{law}, {speed:g} m/s"
             if speed > LIMIT:
-                yield guard_error(part, course, ("speed",))
+                yield guard_error(part, outcome, ("speed",))
                 continue
-            v = sound(course).end.v
+            v = sound(outcome).end.v
             off = max(float(np.abs(v[0]).max()), float(np.abs(v[1] - speed * HAT).max())) / speed
             # the phase of the touch, the energy of a contact of 100 steps
-            yield within(stand, part, "velocities exchanged", off, limited(1e-4, roundings=16, steps=200))
+            yield within(platform, part, "velocities exchanged", off, limited(1e-4, roundings=16, steps=200))
 
 
 DEPTHS = (0.05, 0.9 * DEEPEST, 1.1 * DEEPEST, 0.6, 0.999)
 """Overlaps [d] that grains are placed with: up to the guard, and beyond."""
 
 
-def _deep(stand: Stand) -> Iterator[Ending]:
+def _deep(platform: Platform) -> Iterator[Ending]:
     """Frictionless and elastic: all the energy that the overlap holds becomes kinetic."""
     for law in LAWS:
         here = scene(2, LAWS[law](restitution=1, friction=0, rolling_friction=0), ROOM)
         dt = duration(here, 1.0) / PER_CONTACT
         for depth in DEPTHS:
             half = 0.5 * D * (1 - depth) * HAT
-            course = follow(stand, MemberStart(here, dt, grains_at([MIDDLE - half, MIDDLE + half])), 4, PER_CONTACT)
+            outcome = follow(platform, MemberStart(here, dt, grains_at([MIDDLE - half, MIDDLE + half])), 4, PER_CONTACT)
             part = f"two spheres, {law}, {depth:.3g} d"
             if depth > DEEPEST:
-                yield guard_error(part, course, ("overlap",))
+                yield guard_error(part, outcome, ("overlap",))
                 continue
             stored = float(elastic_energy(here, np.array([depth * D]), np.array([False]))[0])
-            kinetic = _kinetic(here, sound(course).end)
+            kinetic = _kinetic(here, sound(outcome).end)
             # released at rest, the first step is half a kick too long: dt w/2 = pi/1000, to second order
-            yield within(stand, part, "|kinetic/stored - 1|", abs(kinetic / stored - 1), limited(1e-4, roundings=100))
+            yield within(
+                platform, part, "|kinetic/stored - 1|", abs(kinetic / stored - 1), limited(1e-4, roundings=100)
+            )
     here = scene(1, linear(restitution=1, friction=0, rolling_friction=0), ROOM)
     dt = duration(here, 1.0) / PER_CONTACT
     for height in (0.5 - 1.1 * DEEPEST, 0.0, -0.4):
         start = grains_at([[0.0, 0.0, height * D]])
-        course = follow(stand, MemberStart(here, dt, start), 4, PER_CONTACT)
-        yield guard_error(f"a sphere in the floor, centre at {height:g} d", course, ("overlap",))
+        outcome = follow(platform, MemberStart(here, dt, start), 4, PER_CONTACT)
+        yield guard_error(f"a sphere in the floor, centre at {height:g} d", outcome, ("overlap",))
     for name, axis in (("parallel rods", [1.0, 0.0, 0.0]), ("crossed rods", [0.0, 1.0, 0.0])):
         here = rods(2, ROOM)
         d = here.grains.diameter
@@ -204,7 +206,7 @@ def _deep(stand: Stand) -> Iterator[Ending]:
             x = [MIDDLE, MIDDLE + d * (1 - depth) * UP]
             start = rods_at(x, [towards([1.0, 0.0, 0.0]), towards(axis)])
             yield guard_error(
-                f"{name}, {depth:.3g} d", follow(stand, MemberStart(here, 1e-6, start), 4, 100), ("overlap",)
+                f"{name}, {depth:.3g} d", follow(platform, MemberStart(here, 1e-6, start), 4, 100), ("overlap",)
             )
 
 
@@ -212,25 +214,26 @@ def _kinetic(here: Scene, end: Packing) -> float:
     return 0.5 * here.grains.mass * float(np.sum(end.v**2))
 
 
-def _coincident(stand: Stand) -> Iterator[Ending]:
+def _coincident(platform: Platform) -> Iterator[Ending]:
     """Centres in one place leave no direction to be pushed in; nor does a rod that crosses another's axis."""
     for law, material in (("hertz-mindlin", hertz), ("linear", linear)):
         here = scene(2, material(), ROOM)
         for name, gap in (("in one place", 0.0), ("1e-300 m apart", 1e-300), ("1e-12 m apart", 1e-12)):
             start = grains_at([MIDDLE + gap * ALONG, MIDDLE])
-            yield guard_error(f"spheres {name}, {law}", follow(stand, MemberStart(here, 1e-6, start), 4, 100))
-        course = follow(stand, MemberStart(here, 1e-6, grains_at([[0.0, 0.0, 0.0], MIDDLE])), 4, 100)
-        yield guard_error(f"a sphere's centre in the floor, {law}", course)
+            yield guard_error(f"spheres {name}, {law}", follow(platform, MemberStart(here, 1e-6, start), 4, 100))
+        outcome = follow(platform, MemberStart(here, 1e-6, grains_at([[0.0, 0.0, 0.0], MIDDLE])), 4, 100)
+        yield guard_error(f"a sphere's centre in the floor, {law}", outcome)
     for name, axis in (("along one axis", [1.0, 0.0, 0.0]), ("crossed", [0.0, 1.0, 0.0]), ("askew", [0.6, 0.8, 0.0])):
         here = rods(2, ROOM)
         start = rods_at([MIDDLE, MIDDLE], [towards([1.0, 0.0, 0.0]), towards(axis)])
-        yield guard_error(f"rods in one place, {name}", follow(stand, MemberStart(here, 1e-6, start), 4, 100))
+        yield guard_error(f"rods in one place, {name}", follow(platform, MemberStart(here, 1e-6, start), 4, 100))
     here = rods(2, ROOM)
     assert isinstance(here.grains, Spherocylinders)
     shifted = MIDDLE + here.grains.half_length / 2 * ALONG
     start = rods_at([MIDDLE, shifted], [towards([1.0, 0.0, 0.0])] * 2)
     yield guard_error(
-        "rods along one axis, shifted by half their half length", follow(stand, MemberStart(here, 1e-6, start), 4, 100)
+        "rods along one axis, shifted by half their half length",
+        follow(platform, MemberStart(here, 1e-6, start), 4, 100),
     )
 
 

@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from labbook.checks.stress.case import Ending, StressCase, within
-from labbook.checks.stress.geometry import DT, SOFT, rests
+from labbook.checks.stress.geometry import DT, SOFT, rest_at_end
 from labbook.checks.stress.watch import follow, guard_error, sound
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.materials import D, G, linear, scene
 from labbook.checks.verify.mesh import of_triangles
-from labbook.checks.verify.stand import MemberStart, Stand, grains_at
+from labbook.checks.verify.platform import MemberStart, Platform, grains_at
 from labbook.scene import Box, Primitives, Wall
 
 R = D / 2
@@ -28,14 +28,14 @@ def fan(sides: int, rise: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array([[0.0, 0.0, 0.0], *rim]), np.array([[0, 1 + k, 1 + (k + 1) % sides] for k in range(sides)])
 
 
-def torn(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def separated(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Give each triangle vertices of its own, which differ within the plane by a millionth of a diameter."""
     own = vertices[triangles].reshape(-1, 3)
     aside = np.random.default_rng(1).uniform(-1e-6 * D, 1e-6 * D, own.shape)
     return own + aside * (1, 1, 0), np.arange(len(own)).reshape(-1, 3)
 
 
-def places() -> dict[str, Wall]:
+def walls_under_origin() -> dict[str, Wall]:
     """Walls that a sphere rests on with its centre over the origin."""
     plane, corners = fan(50, 0.0)
     cone, sides = fan(50, FAR)
@@ -49,7 +49,7 @@ def places() -> dict[str, Wall]:
     return {
         "vertex of 50 triangles in a plane": of_triangles(plane, corners),
         "repeated triangles and flat ones": of_triangles(plane, soup),
-        "vertices that differ by a millionth of d": of_triangles(*torn(plane, corners)),
+        "vertices that differ by a millionth of d": of_triangles(*separated(plane, corners)),
         "sheet close behind another": of_triangles(*double),
         "tip of a cone of 50 triangles": of_triangles(cone, sides),
         "edge of three triangles": of_triangles(tee, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]])),
@@ -57,20 +57,22 @@ def places() -> dict[str, Wall]:
     }
 
 
-def _meshes(stand: Stand) -> Iterator[Ending]:
+def _meshes(platform: Platform) -> Iterator[Ending]:
     """Dropped from a tenth of a diameter, a sphere stays where it is, gains no energy and rests."""
-    for name, wall in places().items():
+    for name, wall in walls_under_origin().items():
         here = scene(1, linear(**SOFT["linear"]), Primitives(parts=(wall,)), G)
-        motion = yield from rests(stand, name, MemberStart(here, DT["linear"], grains_at([0.0, 0.0, R + 0.1 * D])))
-        yield within(stand, name, "aside", float(np.abs(motion.end.x[0, :2]).max()) / D, limited(1e-9, "d"))
-    yield from _fast(stand)
-    yield from _beside(stand)
-    yield from _rolling(stand)
-    yield _in_a_box(stand)
-    yield from _crowded(stand)
+        trajectory = yield from rest_at_end(
+            platform, name, MemberStart(here, DT["linear"], grains_at([0.0, 0.0, R + 0.1 * D]))
+        )
+        yield within(platform, name, "aside", float(np.abs(trajectory.end.x[0, :2]).max()) / D, limited(1e-9, "d"))
+    yield from _fast(platform)
+    yield from _beside(platform)
+    yield from _rolling(platform)
+    yield _in_a_box(platform)
+    yield from _crowded(platform)
 
 
-def _beside(stand: Stand) -> Iterator[Ending]:
+def _beside(platform: Platform) -> Iterator[Ending]:
     """Past the free edge or a corner of a sheet, or a needle, a grain falls freely: triangles end at their edges."""
     sheet = of_triangles(
         np.array([[-FAR, -FAR, 0], [0, -FAR, 0], [0, FAR, 0], [-FAR, FAR, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
@@ -83,13 +85,13 @@ def _beside(stand: Stand) -> Iterator[Ending]:
         ("past the tip of a needle", needle, 1.001 * R, 0.0),
     ):
         here = scene(1, linear(**SOFT["linear"]), Primitives(parts=(wall,)), G)
-        motion = sound(follow(stand, MemberStart(here, DT["linear"], grains_at([x, y, R])), 10, 1000))
-        time = motion.status.step * DT["linear"]
-        off = np.abs(motion.end.x[0] - [x, y, R - G * time**2 / 2]).max() / D
-        yield within(stand, part, "off free fall", float(off), limited(1e-9, "d", roundings=16, steps=10_000))
+        trajectory = sound(follow(platform, MemberStart(here, DT["linear"], grains_at([x, y, R])), 10, 1000))
+        time = trajectory.status.step * DT["linear"]
+        off = np.abs(trajectory.end.x[0] - [x, y, R - G * time**2 / 2]).max() / D
+        yield within(platform, part, "off free fall", float(off), limited(1e-9, "d", roundings=16, steps=10_000))
 
 
-def _rolling(stand: Stand) -> Iterator[Ending]:
+def _rolling(platform: Platform) -> Iterator[Ending]:
     """A sphere that rolls over edges of one plane keeps its height and speed: no edge counts beside a face."""
     vertices, triangles = fan(50, 0.0)
     law = linear(**SOFT["linear"], friction=0.5, rolling_friction=0.0)
@@ -99,16 +101,20 @@ def _rolling(stand: Stand) -> Iterator[Ending]:
     start = grains_at([-1.5 * D, 0.11 * D, height], [speed, 0.0, 0.0])
     start = replace(start, omega=np.array([[0.0, speed / height, 0.0]]))
     beats = math.ceil(3 * D / speed / DT["linear"] / 1000)
-    motion = sound(follow(stand, MemberStart(here, DT["linear"], start), beats, 1000))
-    end = motion.end
+    trajectory = sound(follow(platform, MemberStart(here, DT["linear"], start), beats, 1000))
+    end = trajectory.end
     yield within(
-        stand, "rolling over 50 edges", "height", abs(float(end.x[0, 2]) - height) / D, limited(1e-9, "d", roundings=64)
+        platform,
+        "rolling over 50 edges",
+        "height",
+        abs(float(end.x[0, 2]) - height) / D,
+        limited(1e-9, "d", roundings=64),
     )
     slower = abs(float(end.v[0, 0]) / speed - 1)
-    yield within(stand, "rolling over 50 edges", "speed", slower, limited(1e-6, roundings=64))
+    yield within(platform, "rolling over 50 edges", "speed", slower, limited(1e-6, roundings=64))
 
 
-def _in_a_box(stand: Stand) -> Ending:
+def _in_a_box(platform: Platform) -> Ending:
     """A sphere bounces in a box of planes, and in the same box of triangles: its path is the same."""
     half = 1.5 * D
     box = Box(width=2 * half, depth=2 * half, height=2 * half, lid=True)
@@ -119,12 +125,12 @@ def _in_a_box(stand: Stand) -> Ending:
     ends = []
     for container in (box, Primitives(parts=(of_triangles(corners, faces),))):
         here = scene(1, linear(**SOFT["linear"], friction=0.5), container)
-        ends.append(sound(follow(stand, MemberStart(here, DT["linear"], start), 10, 1000)).end)
+        ends.append(sound(follow(platform, MemberStart(here, DT["linear"], start), 10, 1000)).end)
     off = max(float(np.abs(ends[0].x - ends[1].x).max()) / D, float(np.abs(ends[0].v - ends[1].v).max()) / 0.31)
-    return within(stand, "box of planes and of triangles", "off", off, limited(1e-9, roundings=64, steps=10_000))
+    return within(platform, "box of planes and of triangles", "off", off, limited(1e-9, roundings=64, steps=10_000))
 
 
-def _crowded(stand: Stand) -> Iterator[Ending]:
+def _crowded(platform: Platform) -> Iterator[Ending]:
     """A grain over 2000 slivers, more than lists hold: it rests there, or an error names the lists."""
     ticks = np.linspace(-D, D, 1001)
     vertices = np.array([(x, y, 0.0) for x in ticks for y in (-FAR, FAR)])
@@ -132,14 +138,14 @@ def _crowded(stand: Stand) -> Iterator[Ending]:
     wall = of_triangles(vertices, np.array(triangles))
     here = scene(1, linear(**SOFT["linear"]), Primitives(parts=(wall,)), G)
     start, part = MemberStart(here, DT["linear"], grains_at([0.0, 0.0, R + 0.1 * D])), "2000 slivers under a grain"
-    course = follow(stand, start, 1, 1000)
-    if course.guard:
-        yield guard_error(part, course, ("room", "lists"))
+    outcome = follow(platform, start, 1, 1000)
+    if outcome.guard:
+        yield guard_error(part, outcome, ("room", "lists"))
         return
-    yield from rests(stand, part, start)
+    yield from rest_at_end(platform, part, start)
 
 
-def _fast(stand: Stand) -> Iterator[Ending]:
+def _fast(platform: Platform) -> Iterator[Ending]:
     """A grain comes from ten diameters away and is thrown back by a thin sheet; one for which the step is too long is
     stopped by a guard, and never on the other side."""
     vertices, triangles = fan(7, 0.0)
@@ -149,13 +155,13 @@ def _fast(stand: Stand) -> Iterator[Ending]:
         here = scene(1, linear(**elastic, normal_stiffness=stiffness), Primitives(parts=(wall,)))
         dt = math.pi * math.sqrt(here.grains.mass / stiffness) / 100
         start = grains_at([0.3 * D, 0.2 * D, 10 * D], [0.0, 0.0, -speed])
-        course = follow(stand, MemberStart(here, dt, start), math.ceil(20 * D / speed / dt / 10), 10)
+        outcome = follow(platform, MemberStart(here, dt, start), math.ceil(20 * D / speed / dt / 10), 10)
         part = f"{speed:g} m/s, k_n = {stiffness:g} N/m"
         if stiffness < 1e4:
-            yield guard_error(part, course, ("overlap",))
+            yield guard_error(part, outcome, ("overlap",))
             continue
-        off = abs(float(sound(course).end.v[0, 2]) / speed - 1)
-        yield within(stand, part, "thrown back", off, limited(1e-3, roundings=16, steps=2000))
+        off = abs(float(sound(outcome).end.v[0, 2]) / speed - 1)
+        yield within(platform, part, "thrown back", off, limited(1e-3, roundings=16, steps=2000))
 
 
 CASES = [

@@ -12,7 +12,7 @@ from labbook.checks.stress.watch import follow, sound
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.energy import dissipated
 from labbook.checks.verify.materials import D, G, linear
-from labbook.checks.verify.stand import MemberStart, Stand
+from labbook.checks.verify.platform import MemberStart, Platform
 from labbook.scene import Kind, Packing, Plane, Primitives, Scene, Spheres, SurfaceMotion, Wall
 
 SPEED = 1.0
@@ -61,37 +61,37 @@ def _box(width: float, spin: float, far: float) -> Primitives:
     return Primitives(parts=tuple(walls))
 
 
-def _start(part: Tumble) -> tuple[Scene, Packing]:
+def _start(tumble: Tumble) -> tuple[Scene, Packing]:
     grains, kind = Spheres(diameter=D, density=2500, count=8), np.arange(8) % 2
     unlike: dict[str, np.ndarray] = {}
-    if part.ratio < 1:
-        small = part.ratio * D
+    if tumble.ratio < 1:
+        small = tumble.ratio * D
         kinds = (Kind(name="large", share=0.5), Kind(name="small", share=0.5, diameter=small))
         grains = grains.model_copy(update={"kinds": kinds})
         unlike = {"kind": kind, "diameter": np.where(kind == 0, D, small)}
     width = 2.6 * D
-    law = linear(**{"restitution": 0.5, "rolling_friction": 0.0, **part.law})
+    law = linear(**{"restitution": 0.5, "rolling_friction": 0.0, **tumble.law})
     corner = np.stack(np.meshgrid(*[[-1, 1]] * 3), axis=-1).reshape(-1, 3)
-    x = corner * 0.6 * D + [0, 0, width / 2] + part.far
+    x = corner * 0.6 * D + [0, 0, width / 2] + tumble.far
     v = np.random.default_rng(4).normal(0, SPEED, (8, 3))
-    scene = Scene(grains=grains, contact=law, container=_box(width, part.spin, part.far), gravity=G)
+    scene = Scene(grains=grains, contact=law, container=_box(width, tumble.spin, tumble.far), gravity=G)
     return scene, Packing(x=x, v=v, omega=np.zeros_like(x), **unlike)
 
 
-def _balance(stand: Stand) -> Iterator[Ending]:
-    for part in TUMBLES:
-        scene, start = _start(part)
+def _balance(platform: Platform) -> Iterator[Ending]:
+    for tumble in TUMBLES:
+        scene, start = _start(tumble)
         lightest = scene.grains.smallest()[-1]
         dt = linear(restitution=1.0).collision_time(lightest.mass, lightest.radius, SPEED) / STEPS
         probes = (Ledger(), Dissipation())
-        motion = sound(follow(stand, MemberStart(scene, dt, start), round(DURATION / dt), 1, probes))
-        work = motion.rows(probes[0])["contact_work"]
-        lost = dissipated(motion, "normal_power", "tangential_power") - dissipated(motion, "wall_power")
+        trajectory = sound(follow(platform, MemberStart(scene, dt, start), round(DURATION / dt), 1, probes))
+        work = trajectory.rows(probes[0])["contact_work"]
+        lost = dissipated(trajectory, "normal_power", "tangential_power") - dissipated(trajectory, "wall_power")
         balance = work + lost
         moved = float(np.abs(work).max())
         # order dt, where a dashpot's force begins within a step, else dt^2: collisions of 50 steps
         error = float(np.abs(balance - balance[0]).max()) / moved
-        yield within(stand, part.name, "work of contacts and powers", error, limited(0.05))
+        yield within(platform, tumble.name, "work of contacts and powers", error, limited(0.05))
 
 
 CASES = [

@@ -40,17 +40,19 @@ def list_cases(cases: Sequence[StressCase], as_json: bool, console: Console) -> 
     console.print(table)
 
 
-def run_cases(cases: Sequence[StressCase], bench: NamedBackend, as_json: bool, console: Console) -> bool:
+def run_cases(cases: Sequence[StressCase], named_backend: NamedBackend, as_json: bool, console: Console) -> bool:
     """Run cases and print their outcomes; a backend that cannot run them ends the program. Returns False on failure."""
     try:
-        stand = bench.stand()
-        if bench.precision not in stand.backend.capabilities.precisions:
-            raise Unsupported("numerics.precision", f"{bench.backend} has no precision {bench.precision}")
+        platform = named_backend.platform()
+        if named_backend.precision not in platform.backend.capabilities.precisions:
+            raise Unsupported(
+                "numerics.precision", f"{named_backend.backend} has no precision {named_backend.precision}"
+            )
     except (BackendMissing, Unsupported) as error:
         typer.echo(f"labbook stress: {error}", err=True)
         raise typer.Exit(2) from None
     rows: list[Row] = []
-    for case_rows in _run_each(cases, bench):
+    for case_rows in _run_each(cases, named_backend):
         rows += case_rows
         if not as_json:
             console.print(_lines(case_rows))
@@ -60,7 +62,7 @@ def run_cases(cases: Sequence[StressCase], bench: NamedBackend, as_json: bool, c
         typer.echo(json.dumps([{**asdict(row), "error": _finite(row.error)} for row in rows], indent=2))
     else:
         counts = ", ".join(f"{sum(row.outcome == name for row in rows)} {name}" for name in LABELS)
-        typer.echo(f"{counts}; backend {bench.backend}, {bench.precision}, {bench.device}")
+        typer.echo(f"{counts}; backend {named_backend.backend}, {named_backend.precision}, {named_backend.device}")
     return all(row.outcome != "failed" for row in rows)
 
 
@@ -68,7 +70,7 @@ def _finite(error: float | None) -> float | None:
     return error if error is not None and math.isfinite(error) else None
 
 
-def _run_each(cases: Sequence[StressCase], bench: NamedBackend) -> Iterator[list[Row]]:
+def _run_each(cases: Sequence[StressCase], named_backend: NamedBackend) -> Iterator[list[Row]]:
     """Yield the rows of each case at its end."""
     # standard output is another stream where only one of the two is a terminal
     bar = Progress(
@@ -77,7 +79,7 @@ def _run_each(cases: Sequence[StressCase], bench: NamedBackend) -> Iterator[list
     )  # fmt: skip
     with bar:
         task = bar.add_task("", total=len(cases))
-        endings = judge_isolated(cases, bench)
+        endings = judge_isolated(cases, named_backend)
         for case in cases:
             bar.update(task, description=case.name)
             yield next(endings)

@@ -11,7 +11,7 @@ from labbook.checks.stress.watch import follow, guard_error, sound
 from labbook.checks.verify.bed import pile, slow_energy, wall_force_error
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.materials import LAWS, D, G, scene
-from labbook.checks.verify.stand import MemberStart, Stand
+from labbook.checks.verify.platform import MemberStart, Platform
 from labbook.filling.placing import place
 from labbook.scene import Box, Scene
 from labbook.scene.packing import Packing
@@ -26,33 +26,33 @@ SHAKEN = 0.05
 """Root mean square [m/s] of each component of the velocities that shake a bed at rest."""
 
 
-def _settled(stand: Stand, bed: Scene, dt: float) -> Packing:
-    return sound(follow(stand, MemberStart(bed, dt, place(bed, "gas", 1)), 20, 1000)).end
+def _settled(platform: Platform, bed: Scene, dt: float) -> Packing:
+    return sound(follow(platform, MemberStart(bed, dt, place(bed, "gas", 1)), 20, 1000)).end
 
 
-def _shaken(rests: Packing) -> Packing:
-    kick = np.random.default_rng(5).normal(0, SHAKEN, rests.x.shape)
-    return replace(rests, v=rests.v + kick)
+def _shaken(settled_bed: Packing) -> Packing:
+    kick = np.random.default_rng(5).normal(0, SHAKEN, settled_bed.x.shape)
+    return replace(settled_bed, v=settled_bed.v + kick)
 
 
-def _time_steps(stand: Stand) -> Iterator[Ending]:
+def _time_steps(platform: Platform) -> Iterator[Ending]:
     for law in LAWS:
         bed = scene(COUNT, LAWS[law](**SOFT[law]), Box(width=4 * D, depth=4 * D, height=60 * D), G).close()
         limit = largest_stable_step(bed)
-        rests = _settled(stand, bed, 0.5 * limit)
+        settled_bed = _settled(platform, bed, 0.5 * limit)
         for part in (*BELOW, *PAST):
             steps = max(200, round(1000 / part))  # the same time for all that are stable
-            course = follow(stand, MemberStart(bed, part * limit, _shaken(rests)), 10, steps)
+            outcome = follow(platform, MemberStart(bed, part * limit, _shaken(settled_bed)), 10, steps)
             name = f"{law}, {part:g} of the largest stable step"
             if part > 1:
-                yield guard_error(name, course)
+                yield guard_error(name, outcome)
                 continue
             # of 0.13 m g d at first
-            left = slow_energy(bed, sound(course).end)
-            yield within(stand, name, "kinetic energy of all but 5 %", left, limited(1e-6, "m g d"))
+            left = slow_energy(bed, sound(outcome).end)
+            yield within(platform, name, "kinetic energy of all but 5 %", left, limited(1e-6, "m g d"))
 
 
-def _stiffnesses(stand: Stand) -> Iterator[Ending]:
+def _stiffnesses(platform: Platform) -> Iterator[Ending]:
     """A pile whose grains lie in pockets falls by a hundredth of a diameter, and rests within 10 ms."""
     for law, (key, values) in STIFFNESSES.items():
         for value in values:
@@ -60,17 +60,17 @@ def _stiffnesses(stand: Stand) -> Iterator[Ending]:
             dt = 0.5 * largest_stable_step(bed)
             contacts = Contacts(every=40)
             steps = max(1000, round(0.02 / dt / 40))
-            course = follow(stand, MemberStart(bed, dt, start), 40, steps, [Ledger(), contacts])
+            outcome = follow(platform, MemberStart(bed, dt, start), 40, steps, [Ledger(), contacts])
             part = f"{law}, {key} = {value:g}"
             if value == values[0]:
-                yield guard_error(part, course, ("overlap",))
+                yield guard_error(part, outcome, ("overlap",))
                 continue
-            motion = sound(course)
+            trajectory = sound(outcome)
             # a spring s = F/k_t loses up to a rounding a step, as if it slipped at s 2^-24/dt; its dashpot answers that
             # with 2 z (k_n/k_t)/(w dt) roundings of F, z the damping ratio, w dt = pi dt/t_c: some 90 a contact
             balance = limited(1e-6, roundings=200)
-            yield within(stand, part, "|wall force - weight|", wall_force_error(motion, contacts), balance)
-            yield within(stand, part, "kinetic energy", motion.status.kinetic, limited(1e-9, "m g d"))
+            yield within(platform, part, "|wall force - weight|", wall_force_error(trajectory, contacts), balance)
+            yield within(platform, part, "kinetic energy", trajectory.status.kinetic, limited(1e-9, "m g d"))
 
 
 STIFFNESSES = {

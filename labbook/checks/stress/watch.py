@@ -9,34 +9,34 @@ import numpy as np
 from labbook.backend import Emptied, Ensemble, Event, Failed, Member, Overflow, Status
 from labbook.backend.probes import Ledger, Probe
 from labbook.checks.stress.case import Broken, Ending
-from labbook.checks.verify.stand import MemberStart, Motion, Stand
+from labbook.checks.verify.platform import MemberStart, Platform, Trajectory
 from labbook.scene.packing import Packing
 
 GUARDS = ("state", "speed", "overlap")
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """Course of a member, with the named error that ended it, if one did.
+class RunOutcome:
+    """Trajectory of a member, with the named error that ended it, if one did.
 
     Args:
-        motion: The motion; None if it never began.
+        trajectory: The trajectory; None if it never began.
         guard: `state`, `speed` or `overlap`, or `room` for lists that are too short; empty if nothing ended it.
         message: Message of the error.
     """
 
-    motion: Motion | None
+    trajectory: Trajectory | None
     guard: str = ""
     message: str = ""
 
 
 def follow(
-    stand: Stand, start: MemberStart, beats: int, steps_per_beat: int = 1000, probes: Sequence[Probe] = ()
-) -> Course:
+    platform: Platform, start: MemberStart, beats: int, steps_per_beat: int = 1000, probes: Sequence[Probe] = ()
+) -> RunOutcome:
     """Follow one member for `beats` beats, or until an error is reported. A Ledger is always read.
 
     Args:
-        stand: The stand.
+        stand: The platform.
         start: Start of the member.
         beats: Largest number of beats.
         steps_per_beat: Steps of a beat.
@@ -47,12 +47,12 @@ def follow(
             the beat before.
     """
     all_probes = (*probes, *([] if any(isinstance(p, Ledger) for p in probes) else [Ledger()]))
-    with stand.admitted([start], steps_per_beat, all_probes) as admitted:
+    with platform.admitted([start], steps_per_beat, all_probes) as admitted:
         ensemble, (member,) = admitted.ensemble, admitted.members
         try:
             good, status = _state(ensemble, member)
         except Overflow as error:  # before anything ran: the start is the last good state
-            return Course(None, "room", str(error))
+            return RunOutcome(None, "room", str(error))
         events: list[Event] = []
         guard = message = ""
         for _ in range(beats):
@@ -76,9 +76,9 @@ def follow(
             good, status = _state(ensemble, member)
             if status.step != before + steps_per_beat:
                 raise Broken(f"a beat of {steps_per_beat} steps took {status.step - before}, and no event says why")
-        (motion,) = admitted.motions(events)
-    _check_tables(motion)
-    return Course(motion, guard, message)
+        (trajectory,) = admitted.trajectories(events)
+    _check_tables(trajectory)
+    return RunOutcome(trajectory, guard, message)
 
 
 def _state(ensemble: Ensemble, member: Member) -> tuple[Packing, Status]:
@@ -111,26 +111,26 @@ def _check_state_kept(ensemble: Ensemble, member: Member, good: Packing, status:
             raise Broken(f"after the error {name} is not that of the last good beat")
 
 
-def _check_tables(motion: Motion) -> None:
-    for probe, table in motion.tables.items():
+def _check_tables(trajectory: Trajectory) -> None:
+    for probe, table in trajectory.tables.items():
         for name, column in table.items():
             if not np.isfinite(column).all():
                 raise Broken(f"the column {name} of {probe} is not finite")
 
 
-def sound(course: Course) -> Motion:
+def sound(outcome: RunOutcome) -> Trajectory:
     """Return the motion of a course without error. Raises Broken with the message of an error."""
-    if course.motion is None or course.guard:
-        raise Broken(f"stopped, but the motion should be correct: {course.message}")
-    return course.motion
+    if outcome.trajectory is None or outcome.guard:
+        raise Broken(f"stopped, but the motion should be correct: {outcome.message}")
+    return outcome.trajectory
 
 
-def guard_error(part: str, course: Course, guards: Sequence[str] = GUARDS) -> Ending:
+def guard_error(part: str, run_outcome: RunOutcome, guards: Sequence[str] = GUARDS) -> Ending:
     """Expect an error: `named error` if one of `guards` ended the course, `failed` if another did, or none."""
-    if not course.guard:
+    if not run_outcome.guard:
         return Ending(part, "failed", "silence: no guard reported anything")
-    outcome = "named error" if course.guard in guards else "failed"
-    return Ending(part, outcome, one_line(course.message))
+    outcome = "named error" if run_outcome.guard in guards else "failed"
+    return Ending(part, outcome, one_line(run_outcome.message))
 
 
 def refused(part: str, do: Callable[[], object], words: str, kinds: tuple[type[Exception], ...]) -> Ending:

@@ -11,8 +11,8 @@ from labbook.backend.probes import Contacts, Ledger, Sample
 from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.collision import STUDY_STEP
 from labbook.checks.verify.materials import LAWS, D, G, floor, hertz, scene
+from labbook.checks.verify.platform import MemberStart, Platform, Trajectory, grains_at
 from labbook.checks.verify.rolling import static_overlap
-from labbook.checks.verify.stand import MemberStart, Motion, Stand, grains_at
 from labbook.filling.bed import fastest_points
 from labbook.filling.placing import place
 from labbook.scene import Bodies, Box, Primitives, Scene, WedgeHopper
@@ -37,18 +37,18 @@ def _beds() -> list[Scene]:
     ]
 
 
-def _sinks_in(stand: Stand) -> Mapping[str, float]:
+def _sinks_in(platform: Platform) -> Mapping[str, float]:
     """Drop a grain at its static overlap's height, at the study's step: it comes to rest at that overlap."""
     errors = {}
     for law, material in LAWS.items():
-        rests = scene(1, material(), Primitives(parts=(floor(),)), G)
-        expected = static_overlap(rests, rests.grains.mass * G)
-        end = stand.run(MemberStart(rests, STUDY_STEP, grains_at([0, 0, D / 2 + expected])), 40).end
+        scene_at_rest = scene(1, material(), Primitives(parts=(floor(),)), G)
+        expected = static_overlap(scene_at_rest, scene_at_rest.grains.mass * G)
+        end = platform.run(MemberStart(scene_at_rest, STUDY_STEP, grains_at([0, 0, D / 2 + expected])), 40).end
         errors[law] = abs((D / 2 - float(end.x[0, 2])) / expected - 1)
     return errors
 
 
-def borne(stand: Stand, bed: Scene, dt: float, beats: int) -> Mapping[str, float]:
+def borne(platform: Platform, bed: Scene, dt: float, beats: int) -> Mapping[str, float]:
     """Measure wall forces and kinetic energy of a bed at rest, as medians over three seeds.
 
     Now and then a bed is not at rest. A grain held by rolling resistance alone creeps under its limiter, at up to
@@ -56,7 +56,7 @@ def borne(stand: Stand, bed: Scene, dt: float, beats: int) -> Mapping[str, float
     grain depends on the last bit, and so on the processor; hence the median.
 
     Args:
-        stand: The stand.
+        stand: The platform.
         bed: The closed scene.
         dt: Time step [s].
         beats: Number of beats of 1000 steps.
@@ -66,9 +66,9 @@ def borne(stand: Stand, bed: Scene, dt: float, beats: int) -> Mapping[str, float
     """
     errors, energies, contacts = [], [], Contacts(every=beats)
     for seed in BEDS:
-        motion = stand.run(MemberStart(bed, dt, place(bed, "gas", seed)), beats, probes=(contacts,))
-        errors.append(wall_force_error(motion, contacts))
-        energies.append(slow_energy(bed, motion.end))
+        trajectory = platform.run(MemberStart(bed, dt, place(bed, "gas", seed)), beats, probes=(contacts,))
+        errors.append(wall_force_error(trajectory, contacts))
+        energies.append(slow_energy(bed, trajectory.end))
     return {FORCE: float(np.median(errors)), ENERGY: float(np.median(energies))}
 
 
@@ -82,12 +82,12 @@ def slow_energy(bed: Scene, end: Packing) -> float:
     return float(np.mean(slow**2)) / (2 * bed.gravity * bed.grains.diameter)
 
 
-def wall_force_error(motion: Motion, contacts: Contacts) -> float:
+def wall_force_error(trajectory: Trajectory, contacts: Contacts) -> float:
     """Distance of the sum of wall forces from the weight of the grains, over that weight, at the last reading."""
-    rows = motion.rows(contacts)
+    rows = trajectory.rows(contacts)
     walls = (rows["wall"] >= 0) & (rows["step"] == rows["step"].max())
     force = np.array([rows[axis][walls].sum() for axis in ("fx", "fy", "fz")])
-    weight = float(Bodies.of(motion.scene.grains, motion.end).mass.sum()) * motion.scene.gravity
+    weight = float(Bodies.of(trajectory.scene.grains, trajectory.end).mass.sum()) * trajectory.scene.gravity
     return float(np.linalg.norm(force - [0, 0, weight])) / weight
 
 
@@ -102,8 +102,10 @@ def at_rest(*beds: str) -> Mapping[str, Criterion]:
     return in_each({bed: limits for bed in beds})
 
 
-def _carries(stand: Stand) -> Mapping[str, float]:
-    return in_each({name: borne(stand, bed, DT, 200) for bed, name in zip(_beds(), ("flat", "inclined"), strict=True)})
+def _carries(platform: Platform) -> Mapping[str, float]:
+    return in_each(
+        {name: borne(platform, bed, DT, 200) for bed, name in zip(_beds(), ("flat", "inclined"), strict=True)}
+    )
 
 
 def pile(law: ContactLaw) -> tuple[Scene, Packing]:
@@ -115,7 +117,7 @@ def pile(law: ContactLaw) -> tuple[Scene, Packing]:
     return box, grains_at(x)
 
 
-def _stays(stand: Stand) -> Mapping[str, float]:
+def _stays(platform: Platform) -> Mapping[str, float]:
     """A pile in a narrow box: a million steps after it settled.
 
     Every grain lies in a pocket: the torques of `cdt` hold none of them. A grain that leans and is held by rolling
@@ -124,10 +126,10 @@ def _stays(stand: Stand) -> Mapping[str, float]:
     """
     bed, start = pile(hertz(**SOFT))
     rng = np.random.default_rng(1)
-    settled = stand.run(MemberStart(bed, DT, replace(start, v=rng.normal(0, 0.01, start.x.shape))), 200)
+    settled = platform.run(MemberStart(bed, DT, replace(start, v=rng.normal(0, 0.01, start.x.shape))), 200)
     probes = (Ledger(every=10), Sample(fields=("x",), every=100))
-    motion = stand.run(MemberStart(bed, DT, settled.end), 1000, probes=probes)
-    totals, x = motion.rows(probes[0]), motion.by_beat(probes[1], "xyz")
+    trajectory = platform.run(MemberStart(bed, DT, settled.end), 1000, probes=probes)
+    totals, x = trajectory.rows(probes[0]), trajectory.by_beat(probes[1], "xyz")
     unit = bed.grains.count * bed.grains.mass * G * D
     energy = totals["potential"] / unit
     return {

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from labbook.backend import Unsupported
-from labbook.checks.verify.stand import CaseNotMeasured, Stand
+from labbook.checks.verify.platform import CaseNotMeasured, Platform
 
 Result = Literal["passed", "failed", "reported", "unsupported"]
 SCENE_KEYS = ("grains.shape", "container")
@@ -55,7 +55,7 @@ class Case:
         statement: Property that holds for a correct backend, in a line.
         source: Origin of the expected values.
         measures: Criteria by name of the error.
-        run: Runs the case on a stand and returns the error of each criterion, by name.
+        run: Runs the case on a platform and returns the error of each criterion, by name.
         slow: The case takes more than about ten seconds.
     """
 
@@ -63,7 +63,7 @@ class Case:
     statement: str
     source: str
     measures: Mapping[str, Criterion]
-    run: Callable[[Stand], Mapping[str, float]]
+    run: Callable[[Platform], Mapping[str, float]]
     slow: bool = False
 
 
@@ -82,43 +82,43 @@ class CriterionResult:
     """Reason for a missing number."""
 
 
-def kind(stand: Stand) -> str:
-    """Select the precision whose limits hold on a stand."""
-    single = stand.precision == "mixed" and stand.backend.capabilities.single_velocities
-    return SINGLE_VELOCITIES if single else stand.precision
+def kind(platform: Platform) -> str:
+    """Select the precision whose limits hold on a platform."""
+    single = platform.precision == "mixed" and platform.backend.capabilities.single_velocities
+    return SINGLE_VELOCITIES if single else platform.precision
 
 
-def judge(case: Case, stand: Stand) -> list[CriterionResult]:
+def judge(case: Case, platform: Platform) -> list[CriterionResult]:
     """Run a case and compare its errors with their limits; NaN fails.
 
     Args:
         case: The case.
-        stand: The stand.
+        stand: The platform.
 
     Returns:
         A result for each criterion: `unsupported` if the backend lacks a shape or wall of the scene.
 
     Raises:
-        ValueError: The case has no limit for the stand's precision, or returns other errors than it declares.
+        ValueError: The case has no limit for the platform's precision, or returns other errors than it declares.
         Unsupported: The backend lacks something else.
     """
     try:
-        errors = case.run(stand)
+        errors = case.run(platform)
     except Unsupported as reason:
         if reason.key not in SCENE_KEYS:
             raise
-        verdicts = [_verdict(case, name, math.nan, kind(stand), reason.remedy) for name in case.measures]
+        verdicts = [_verdict(case, name, math.nan, kind(platform), reason.remedy) for name in case.measures]
         return [replace(verdict, result="unsupported") for verdict in verdicts]
     except CaseNotMeasured as reason:
-        return failed(case, stand, str(reason))
+        return failed(case, platform, str(reason))
     if set(errors) != set(case.measures):
         raise ValueError(f"case {case.name} measures {sorted(errors)}, not {sorted(case.measures)}")
-    return [_verdict(case, name, float(errors[name]), kind(stand)) for name in case.measures]
+    return [_verdict(case, name, float(errors[name]), kind(platform)) for name in case.measures]
 
 
-def failed(case: Case, stand: Stand, why: str) -> list[CriterionResult]:
+def failed(case: Case, platform: Platform, why: str) -> list[CriterionResult]:
     """Fail every criterion of a case that measured nothing; `why`: the reason."""
-    return [_verdict(case, name, math.nan, kind(stand), why) for name in case.measures]
+    return [_verdict(case, name, math.nan, kind(platform), why) for name in case.measures]
 
 
 def _verdict(case: Case, name: str, error: float, precision: str, note: str = "") -> CriterionResult:

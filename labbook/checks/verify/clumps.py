@@ -8,7 +8,7 @@ import numpy as np
 from labbook.backend.probes import Contacts, Ledger, Sample
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import G, floor
-from labbook.checks.verify.stand import MemberStart, Stand, require
+from labbook.checks.verify.platform import MemberStart, Platform, require
 from labbook.filling.placing import place
 from labbook.scene import Box, Clumps, CylinderSilo, LinearSpringDashpot, Packing, Primitives, Scene, Spheres
 from labbook.scene.container import Container
@@ -78,7 +78,7 @@ def euler(grains: Clumps, largest: float, least: float, times: np.ndarray) -> np
     return np.stack([largest * dn, middle * sn, least * cn], axis=1)
 
 
-def _free(stand: Stand) -> Mapping[str, float]:
+def _free(platform: Platform) -> Mapping[str, float]:
     """A top near the separatrix, which flips from one sense of its middle axis to the other and back."""
     grains, least = SEED, 100.0
     bound = least * np.sqrt(
@@ -90,15 +90,15 @@ def _free(stand: Stand) -> Mapping[str, float]:
     body = np.array([largest, 0.0, least])
     omega = frame_of(q)[0] @ body
     scene, probes = clumps(grains, 1, Primitives()), (MOTION, Ledger())
-    motion = stand.run(MemberStart(scene, 2e-5, clumps_at([[0, 0, 0]], q, omega=[omega])), 20, 1000, probes)
-    turns = motion.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
-    spins = motion.by_beat(MOTION, ("wx", "wy", "wz"))[:, 0]
+    trajectory = platform.run(MemberStart(scene, 2e-5, clumps_at([[0, 0, 0]], q, omega=[omega])), 20, 1000, probes)
+    turns = trajectory.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
+    spins = trajectory.by_beat(MOTION, ("wx", "wy", "wz"))[:, 0]
     measured = np.einsum("nji,nj->ni", frame_of(turns), spins)
-    expected = euler(grains, largest, least, motion.times(MOTION))
+    expected = euler(grains, largest, least, trajectory.times(MOTION))
     flips = np.sum(np.diff(np.sign(expected[np.abs(expected[:, 1]) > 0.5 * np.abs(expected[:, 1]).max(), 1])) != 0)
     require(bool(flips >= 2), "the top has not flipped")
     momentum = tensors(grains, q)[0] @ omega
-    energy, table = 0.5 * omega @ momentum, motion.rows(probes[1])
+    energy, table = 0.5 * omega @ momentum, trajectory.rows(probes[1])
     drift = np.array([table[name] for name in ("lx", "ly", "lz")]).T - momentum
     return {
         "spin": float(np.abs(measured - expected).max() / np.linalg.norm(body)),
@@ -107,26 +107,26 @@ def _free(stand: Stand) -> Mapping[str, float]:
     }
 
 
-def _impact(stand: Stand) -> Mapping[str, float]:
+def _impact(platform: Platform) -> Mapping[str, float]:
     """Two turned clumps whose last spheres meet off both centres of mass, while they turn: no friction, e = 1."""
     v, gap, n = 1e-3, 2e-9, np.array([0.36, 0.48, 0.8])
-    q, arms, x = _facing(n, gap)
+    q, lever_arms, x = _facing(n, gap)
     omega = np.array([[0.02, 0.03, 0.05], [-0.01, 0.02, 0.0]])
     speed = np.array([-v * n + [2e-4, 0.0, 0.0], [0.0, 1e-4, 0.0]])
     scene = clumps(SEED, 2, Primitives(), normal_stiffness=2e5)
-    motion = stand.run(MemberStart(scene, 2e-7, clumps_at(x, q, speed, omega)), 1, 1500)
+    trajectory = platform.run(MemberStart(scene, 2e-7, clumps_at(x, q, speed, omega)), 1, 1500)
 
-    levers = arms - SEED.spheres[TIP].radius * n * np.array([[1.0], [-1.0]])
+    levers = lever_arms - SEED.spheres[TIP].radius * n * np.array([[1.0], [-1.0]])
     across, inertia = np.cross(levers, n), tensors(SEED, q)
     closing = float(n @ (speed[0] - speed[1]) + across[0] @ omega[0] - across[1] @ omega[1])
     reduced = 1 / sum(1 / SEED.mass + r @ np.linalg.solve(i, r) for r, i in zip(across, inertia, strict=True))
     impulse = -2 * reduced * closing * np.array([[1.0], [-1.0]])
     spun = np.array([np.linalg.solve(i, r) for r, i in zip(across, inertia, strict=True)]) * impulse
     require(closing < 0, "the clumps do not meet")
-    require(float(np.abs(np.asarray(motion.end.q) - q).max()) < 1e-3, "the clumps have turned")
+    require(float(np.abs(np.asarray(trajectory.end.q) - q).max()) < 1e-3, "the clumps have turned")
     return {
-        "velocities": float(np.abs(motion.end.v - speed - impulse / SEED.mass * n).max()) / v,
-        "spins": float(np.abs(motion.end.omega - omega - spun).max() * D) / v,
+        "velocities": float(np.abs(trajectory.end.v - speed - impulse / SEED.mass * n).max()) / v,
+        "spins": float(np.abs(trajectory.end.omega - omega - spun).max() * D) / v,
     }
 
 
@@ -142,16 +142,16 @@ def _facing(n: np.ndarray, gap: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
     rng, tip = np.random.default_rng(6), SEED.spheres[TIP]
     while True:
         q = random_turns(rng, 2)
-        arms = rotated(q, tip.centre)
-        x = np.array([arms[1] - arms[0] + (2 * tip.radius + gap) * n, [0.0, 0.0, 0.0]])
+        lever_arms = rotated(q, tip.centre)
+        x = np.array([lever_arms[1] - lever_arms[0] + (2 * tip.radius + gap) * n, [0.0, 0.0, 0.0]])
         at = [[x[k] + rotated(q[k : k + 1], sphere.centre)[0] for sphere in SEED.spheres] for k in (0, 1)]
         gaps = [
             float(np.linalg.norm(first - second)) - a.radius - b.radius
             for a, first in zip(SEED.spheres, at[0], strict=True)
             for b, second in zip(SEED.spheres, at[1], strict=True)
         ]
-        if np.sort(gaps)[1] > 0.1 * D and np.linalg.norm(np.cross(arms, n), axis=1).min() > 0.15 * D:
-            return q, arms, x
+        if np.sort(gaps)[1] > 0.1 * D and np.linalg.norm(np.cross(lever_arms, n), axis=1).min() > 0.15 * D:
+            return q, lever_arms, x
 
 
 SPEED, RESTITUTION = 0.1, 0.8
@@ -193,7 +193,7 @@ def landed(
     return end[3:6], turn @ (inverse * (turn.T @ end[15:]))
 
 
-def _lands(stand: Stand) -> Mapping[str, float]:
+def _lands(platform: Platform) -> Mapping[str, float]:
     errors, dt, steps, stiffness = {}, 2e-7, 4000, 2e4
     for name, (grains, seed) in LANDINGS.items():
         q = (
@@ -206,7 +206,7 @@ def _lands(stand: Stand) -> Mapping[str, float]:
         scene = clumps(grains, 1, Primitives(parts=(floor(),)), restitution=RESTITUTION, damping="textbook",
                        normal_stiffness=stiffness)  # fmt: skip
         start = MemberStart(scene, dt, clumps_at([[0, 0, height]], [q], [[0, 0, -SPEED]]))
-        end = stand.run(start, 1, steps).end
+        end = platform.run(start, 1, steps).end
         v, spin = landed(grains, q, height, stiffness, dt * steps)
         require(v[2] > -0.5 * SPEED, f"{name}: the clump has not hit the plane")
         off = float(np.abs(end.v[0] - v).max()), float(np.abs(end.omega[0] - spin).max()) * grains.reach
@@ -214,7 +214,7 @@ def _lands(stand: Stand) -> Mapping[str, float]:
     return errors
 
 
-def _conserves(stand: Stand) -> Mapping[str, float]:
+def _conserves(platform: Platform) -> Mapping[str, float]:
     """Three clumps that meet with friction: forces are opposite and act at one point of both."""
     rng = np.random.default_rng(8)
     x = np.array([[0.0, 0.0, 0.0], [1.6 * D, 0.3 * D, 0.0], [0.2 * D, 1.7 * D, 0.4 * D]])
@@ -222,33 +222,33 @@ def _conserves(stand: Stand) -> Mapping[str, float]:
     scene = clumps(SEED, 3, Primitives(), friction=0.5, rolling_friction=0.05, restitution=0.7)
     probe = Ledger()
     start = MemberStart(scene, 2e-6, clumps_at(x, random_turns(rng, 3), v, omega))
-    motion = stand.run(start, 20, 500, (probe,))
-    table = motion.rows(probe)
+    trajectory = platform.run(start, 20, 500, (probe,))
+    table = trajectory.rows(probe)
     require(float(np.min(table["kinetic"])) < 0.9 * table["kinetic"][0], "no energy was lost")
     scale = SEED.mass * 0.1, SEED.mass * 0.1 * D
     drift = [np.ptp([table[f"{kind}{axis}"] for axis in "xyz"], axis=1).max() for kind in "pl"]
     return {"momentum": float(drift[0] / scale[0]), "angular momentum": float(drift[1] / scale[1])}
 
 
-def _rests(stand: Stand) -> Mapping[str, float]:
+def _rests(platform: Platform) -> Mapping[str, float]:
     """Let eight seeds fall into a narrow box: at the end the bottom and the sides carry their weight."""
     n, box = 8, Box(width=2.2 * D, depth=2.2 * D, height=0.2)
     law = {"normal_stiffness": 150, "friction": 0.5, "rolling_friction": 0.1, "restitution": 0.2}
     scene, probe = clumps(SEED, n, box, gravity=G, **law), Contacts(every=20)
     start = place(scene, "gas", 3)
     start = replace(start, v=np.zeros_like(start.v))
-    motion = stand.run(MemberStart(scene, 5e-5, start), 20, 400, (probe,))
-    rows, weight = motion.rows(probe), n * SEED.mass * G
+    trajectory = platform.run(MemberStart(scene, 5e-5, start), 20, 400, (probe,))
+    rows, weight = trajectory.rows(probe), n * SEED.mass * G
     at_wall = rows["wall"] >= 0
     require(int(np.sum(~at_wall)) >= n, "the seeds do not lie on one another")
     forces = np.array([rows[name][at_wall].sum() for name in ("fx", "fy", "fz")])
     return {
-        "energy": motion.status.kinetic,
+        "energy": trajectory.status.kinetic,
         "weight": float(np.abs(forces - [0.0, 0.0, weight]).max()) / weight,
     }
 
 
-def _spheres_too(stand: Stand) -> Mapping[str, float]:
+def _spheres_too(platform: Platform) -> Mapping[str, float]:
     """Drop clumps of one sphere and spheres into a silo, for a time in which round-off has not grown yet."""
     d, law = 6e-3, LinearSpringDashpot(normal_stiffness=200, friction=0.5, rolling_friction=0.01, restitution=0.5)
     n, ends = 12, []
@@ -261,7 +261,7 @@ def _spheres_too(stand: Stand) -> Mapping[str, float]:
         start = place(bed.model_copy(update={"grains": Spheres(diameter=d, density=620, count=n)}), "gas", 1)
         if grains.shape == "clump":
             start = replace(start, q=random_turns(np.random.default_rng(2), n))
-        ends.append(stand.run(MemberStart(bed, 4e-5, start), 1, 2500).end)
+        ends.append(platform.run(MemberStart(bed, 4e-5, start), 1, 2500).end)
     require(len(ends[0].wall_grain) + len(ends[0].pairs) > 5, "the grains have not met")
     return {
         "position": float(np.abs(ends[0].x - ends[1].x).max()) / d,

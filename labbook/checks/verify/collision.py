@@ -8,7 +8,7 @@ import numpy as np
 from labbook.backend.probes import Ledger, Sample
 from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.materials import LAWS, D, room, scene
-from labbook.checks.verify.stand import MemberStart, Motion, Stand, require
+from labbook.checks.verify.platform import MemberStart, Platform, Trajectory, require
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene
 from labbook.scene.packing import Packing
 
@@ -50,9 +50,9 @@ def head_on(speed: float, dt: float) -> Packing:
     return Packing(x=x, v=np.concatenate([v, -v]), omega=np.zeros_like(x))
 
 
-def rebound(motion: Motion) -> np.ndarray:
+def rebound(trajectory: Trajectory) -> np.ndarray:
     """Relative speed [m/s] at which each pair of `head_on` parts at the end."""
-    x, v = (a[PHASES:] - a[:PHASES] for a in (motion.end.x, motion.end.v))
+    x, v = (a[PHASES:] - a[:PHASES] for a in (trajectory.end.x, trajectory.end.v))
     return np.sum(x * v, axis=1) / np.linalg.norm(x, axis=1)
 
 
@@ -61,7 +61,7 @@ def _bouncing(law: str, e: float) -> Scene:
     return scene(2 * PHASES, material, room())
 
 
-def restitution_errors(stand: Stand, law: str, fraction: float) -> np.ndarray:
+def restitution_errors(platform: Platform, law: str, fraction: float) -> np.ndarray:
     """Measured minus stated e at a step of `fraction` of t_c: shape [RESTITUTIONS x SPEEDS, PHASES]."""
     conditions = [(e, speed) for e in RESTITUTIONS for speed in SPEEDS]
     scenes = [_bouncing(law, e) for e, _ in conditions]
@@ -69,14 +69,14 @@ def restitution_errors(stand: Stand, law: str, fraction: float) -> np.ndarray:
     starts = [
         MemberStart(s, dt, head_on(speed, dt)) for s, dt, (_, speed) in zip(scenes, steps, conditions, strict=True)
     ]
-    motions = stand.run_all(starts, beats=1, steps_per_beat=round(20 / fraction))
-    realised = [rebound(motion) / speed for motion, (_, speed) in zip(motions, conditions, strict=True)]
+    trajectories = platform.run_all(starts, beats=1, steps_per_beat=round(20 / fraction))
+    realised = [rebound(trajectory) / speed for trajectory, (_, speed) in zip(trajectories, conditions, strict=True)]
     return np.array([e - target for e, (target, _) in zip(realised, conditions, strict=True)])
 
 
 def _restitution(law: str):
-    def run(stand: Stand) -> Mapping[str, float]:
-        coarse, fine = (restitution_errors(stand, law, fraction) for fraction in (1 / 400, 1 / 500))
+    def run(platform: Platform) -> Mapping[str, float]:
+        coarse, fine = (restitution_errors(platform, law, fraction) for fraction in (1 / 400, 1 / 500))
         return {
             "mean over phases, t_c/400": float(np.abs(coarse.mean(axis=1)).max()),
             "any phase, t_c/400": float(np.abs(coarse).max()),
@@ -86,12 +86,12 @@ def _restitution(law: str):
     return run
 
 
-def _at_the_study_s_step(stand: Stand) -> Mapping[str, float]:
+def _at_the_study_s_step(platform: Platform) -> Mapping[str, float]:
     speed = math.sqrt(9.81 * D)
     with_gravity = _bouncing("hertz-mindlin", 0.2).model_copy(update={"gravity": 9.81})
-    described = stand.backend.describe(with_gravity, stand.numerics(STUDY_STEP))
+    described = platform.backend.describe(with_gravity, platform.numerics(STUDY_STEP))
     start = MemberStart(_bouncing("hertz-mindlin", 0.2), STUDY_STEP, head_on(speed, STUDY_STEP))
-    e = rebound(stand.run(start, beats=1, steps_per_beat=4000)) / speed
+    e = rebound(platform.run(start, beats=1, steps_per_beat=4000)) / speed
     return {
         "mean e": float(e.mean()),
         "largest e": float(e.max()),
@@ -101,17 +101,17 @@ def _at_the_study_s_step(stand: Stand) -> Mapping[str, float]:
     }
 
 
-def _durations(stand: Stand) -> Mapping[str, float]:
-    return {law: max(_duration_error(stand, law, speed) for speed in SPEEDS) for law in LAWS}
+def _durations(platform: Platform) -> Mapping[str, float]:
+    return {law: max(_duration_error(platform, law, speed) for speed in SPEEDS) for law in LAWS}
 
 
-def _duration_error(stand: Stand, law: str, speed: float) -> float:
+def _duration_error(platform: Platform, law: str, speed: float) -> float:
     elastic = _bouncing(law, 1.0)
     expected = duration(elastic, speed)
     dt = expected / 400
     probe = Sample(fields=("x",))
-    motion = stand.run(MemberStart(elastic, dt, head_on(speed, dt)), 420, 1, [probe])
-    x = motion.by_beat(probe, "xyz")
+    trajectory = platform.run(MemberStart(elastic, dt, head_on(speed, dt)), 420, 1, [probe])
+    x = trajectory.by_beat(probe, "xyz")
     gap = np.linalg.norm(x[:, PHASES:] - x[:, :PHASES], axis=2) - D
     durations = [_time_below(gap[:, pair]) * dt for pair in range(PHASES)]
     return float(np.abs(np.array(durations) / expected - 1).max())
@@ -139,14 +139,14 @@ def oblique(count: int, speed: float, seed: int) -> Packing:
     return Packing(x=x, v=v, omega=rng.normal(size=x.shape) * speed / D)
 
 
-def _momenta(stand: Stand) -> Mapping[str, float]:
+def _momenta(platform: Platform) -> Mapping[str, float]:
     errors = {}
     for law, material in LAWS.items():
         rubbing = scene(12, material(), room(4.0))
         start = oblique(6, 0.2, seed=2)
         dt = duration(rubbing, 0.2) / 100
         before, after = (
-            _totals(stand.run(MemberStart(rubbing, dt, start), 1, steps, [Ledger()])) for steps in (1, 600)
+            _totals(platform.run(MemberStart(rubbing, dt, start), 1, steps, [Ledger()])) for steps in (1, 600)
         )
         touched = np.abs(after["kinetic"] / before["kinetic"] - 1)
         require(touched > 0.01, "the pairs did not collide")
@@ -159,8 +159,8 @@ def _momenta(stand: Stand) -> Mapping[str, float]:
     return errors
 
 
-def _totals(motion: Motion) -> Mapping[str, float]:
-    row = next(iter(motion.tables.values()))
+def _totals(trajectory: Trajectory) -> Mapping[str, float]:
+    row = next(iter(trajectory.tables.values()))
     return {name: float(column[-1]) for name, column in row.items()}
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from labbook.backend.probes import Crossing, Sample
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, linear, scene, spheres
+from labbook.checks.verify.platform import MemberStart, Platform, Trajectory, require
 from labbook.checks.verify.rolling import lever
-from labbook.checks.verify.stand import MemberStart, Motion, Stand, require
 from labbook.scene import CylinderSilo, Scene, SurfaceChange, WedgeHopper
 from labbook.scene.packing import Packing
 
@@ -49,19 +49,19 @@ def at_edge(x: float, z: float, v: tuple[float, float] = (0.0, 0.0), spin: float
     )
 
 
-def path(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+def path(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Times [s], and x, z from the edge [m], v_x, v_z [m/s] and spin about y [rad/s] at these: shape [times, 5]."""
-    columns = motion.by_beat(MOTION, ("x", "z", "vx", "vz", "wy"))[:, 0].copy()
+    columns = trajectory.by_beat(MOTION, ("x", "z", "vx", "vz", "wy"))[:, 0].copy()
     columns[:, 0] += HALF_OUTLET
-    return motion.times(MOTION), columns
+    return trajectory.times(MOTION), columns
 
 
-def _leaves(stand: Stand, rim: bool = False) -> Mapping[str, float]:
+def _leaves(platform: Platform, rim: bool = False) -> Mapping[str, float]:
     tilt = 0.2
     rough = ledge(1e4, rim)
-    arm = lever(rough, tilt)
-    start = at_edge(arm * math.sin(tilt), arm * math.cos(tilt))
-    _, p = path(stand.run(MemberStart(rough, DT, start), 3600, STEPS, PROBES))
+    lever_arm = lever(rough, tilt)
+    start = at_edge(lever_arm * math.sin(tilt), lever_arm * math.cos(tilt))
+    _, p = path(platform.run(MemberStart(rough, DT, start), 3600, STEPS, PROBES))
     distance = np.hypot(p[:, 0], p[:, 1])
     last = np.flatnonzero(distance < R)[-1]
     cosine = p[last : last + 2, 1] / distance[last : last + 2]
@@ -133,13 +133,13 @@ def _around(t: float, rate: float, spin: float) -> list[float]:
     return [R * s, R * c, R * rate * c, -R * rate * s, spin]
 
 
-def _follows(stand: Stand, rim: bool = False) -> Mapping[str, float]:
+def _follows(platform: Platform, rim: bool = False) -> Mapping[str, float]:
     speed, run_up, friction = 0.06, 0.5 * R, 0.5
     plate = ledge(friction, rim)
-    arm = lever(plate)
-    start = at_edge(-run_up, arm, (speed, 0.0), speed / arm)
-    motion = stand.run(MemberStart(plate, DT, start), 6000, STEPS, PROBES)
-    times, measured = path(motion)
+    lever_arm = lever(plate)
+    start = at_edge(-run_up, lever_arm, (speed, 0.0), speed / lever_arm)
+    trajectory = platform.run(MemberStart(plate, DT, start), 6000, STEPS, PROBES)
+    times, measured = path(trajectory)
     expected = rolling_off(speed, run_up, friction, times)
     flying = np.hypot(measured[:, 0], measured[:, 1]) > R
     require(bool(flying.any()), "the grain is still on the edge")
@@ -148,12 +148,12 @@ def _follows(stand: Stand, rim: bool = False) -> Mapping[str, float]:
         "position": float(off[:, :2].max()) / R,
         "velocity, of sqrt(g R)": float(off[:, 2:4].max()) / math.sqrt(G * R),
         "spin, of the last": float(off[:, 4].max()) / expected[-1, 4],
-        "passage time": _passage(motion, times, expected),
+        "passage time": _passage(trajectory, times, expected),
     }
 
 
-def _passage(motion: Motion, times: np.ndarray, expected: np.ndarray) -> float:
-    crossing = motion.rows(PROBES[1])["time"]
+def _passage(trajectory: Trajectory, times: np.ndarray, expected: np.ndarray) -> float:
+    crossing = trajectory.rows(PROBES[1])["time"]
     require(len(crossing) == 1, "the grain did not pass the plane below the edge once")
     passes = float(np.interp(3 * R, -expected[:, 1], times))
     return abs(float(crossing[0]) / passes - 1)

@@ -8,7 +8,7 @@ import numpy as np
 from labbook.backend.probes import Crossing
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, hertz, scene
-from labbook.checks.verify.stand import MemberStart, Stand, require
+from labbook.checks.verify.platform import MemberStart, Platform, require
 from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import Scene, WedgeHopper
@@ -30,21 +30,21 @@ def silo(orifice: float, friction: float) -> Scene:
     return scene(COUNT, hertz(shear_modulus=1e6, friction=friction), container, G)
 
 
-def passages(stand: Stand, scenes: Sequence[Scene]) -> list[np.ndarray]:
+def passages(platform: Platform, scenes: Sequence[Scene]) -> list[np.ndarray]:
     """Times [s] at which grains leave each scene, ascending, averaged over SEEDS by rank."""
     starts = [
         MemberStart(s.close(), DT, place(s.close(), "gas", seed), settled_below=1e-3) for s in scenes for seed in SEEDS
     ]
-    settled = stand.run_all(starts, 60, until_event=True)
+    settled = platform.run_all(starts, 60, until_event=True)
     opens = [s for s in scenes for _ in SEEDS]
-    discharges = stand.run_all(
+    discharges = platform.run_all(
         [MemberStart(s, DT, start_of_discharge(m.end, m.scene, s)) for s, m in zip(opens, settled, strict=True)],
         40,
         probes=[OUT],
     )
     times = []
-    for motion in discharges:
-        leaving = np.sort(motion.rows(OUT)["time"])
+    for trajectory in discharges:
+        leaving = np.sort(trajectory.rows(OUT)["time"])
         require(len(leaving) >= COUNT - LOW, f"only {len(leaving)} grains have left: the silo clogged")
         times.append(leaving[: COUNT - LOW])
     return list(np.reshape(times, (len(scenes), len(SEEDS), -1)).mean(axis=1))
@@ -60,21 +60,21 @@ def _falling(rates: Sequence[float]) -> float:
     return max(b / a for a, b in pairwise(rates))
 
 
-def _with_outlet(stand: Stand) -> Mapping[str, float]:
+def _with_outlet(platform: Platform) -> Mapping[str, float]:
     scenes = [silo(orifice, 0.5) for orifice in (9, 7.5, 6)]
-    rates = [rate(times, HIGH, LOW) for times in passages(stand, scenes)]
+    rates = [rate(times, HIGH, LOW) for times in passages(platform, scenes)]
     return {"largest W(smaller D)/W(D)": _falling(rates)}
 
 
-def _with_friction(stand: Stand) -> Mapping[str, float]:
+def _with_friction(platform: Platform) -> Mapping[str, float]:
     scenes = [silo(7.5, friction) for friction in (0.05, 0.2, 0.8)]
-    rates = [rate(times, HIGH, LOW) for times in passages(stand, scenes)]
+    rates = [rate(times, HIGH, LOW) for times in passages(platform, scenes)]
     return {"largest W(larger mu)/W(mu)": _falling(rates)}
 
 
-def _with_height(stand: Stand) -> Mapping[str, float]:
+def _with_height(platform: Platform) -> Mapping[str, float]:
     """A liquid would flow 25 % faster from the upper half, which stands 2.7 widths high in the mean, not 1.7."""
-    (times,) = passages(stand, [silo(7.5, 0.5)])
+    (times,) = passages(platform, [silo(7.5, 0.5)])
     return {"|W(upper half)/W(lower half) - 1|": abs(rate(times, HIGH, MIDDLE) / rate(times, MIDDLE, LOW) - 1)}
 
 

@@ -9,7 +9,7 @@ from labbook.backend.probes import Contacts, Ledger
 from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.collision import duration
 from labbook.checks.verify.materials import LAWS, D, room, scene
-from labbook.checks.verify.stand import MemberStart, Motion, Stand
+from labbook.checks.verify.platform import MemberStart, Platform, Trajectory
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene
 from labbook.scene.packing import Packing
 
@@ -43,34 +43,34 @@ def elastic_energy(scene: Scene, overlap: np.ndarray, at_wall: np.ndarray) -> np
     return 0.5 * law.normal_stiffness * overlap**2
 
 
-def energies(motion: Motion, ledger: Ledger, contacts: Contacts) -> np.ndarray:
+def energies(trajectory: Trajectory, ledger: Ledger, contacts: Contacts) -> np.ndarray:
     """Kinetic plus elastic energy [J] at each reading; the elastic part from overlaps alone."""
-    totals, rows = motion.rows(ledger), motion.rows(contacts)
+    totals, rows = trajectory.rows(ledger), trajectory.rows(contacts)
     at_wall = rows["wall"] >= 0
     branch = np.sqrt(rows["bx"] ** 2 + rows["by"] ** 2 + rows["bz"] ** 2)
-    overlap = np.where(at_wall, motion.scene.grains.radius, motion.scene.grains.diameter) - branch
-    stored = elastic_energy(motion.scene, overlap, at_wall)
-    place = np.searchsorted(totals["step"], rows["step"])
-    return totals["kinetic"] + np.bincount(place, stored, len(totals["step"]))
+    overlap = np.where(at_wall, trajectory.scene.grains.radius, trajectory.scene.grains.diameter) - branch
+    stored = elastic_energy(trajectory.scene, overlap, at_wall)
+    index = np.searchsorted(totals["step"], rows["step"])
+    return totals["kinetic"] + np.bincount(index, stored, len(totals["step"]))
 
 
-def wandering(stand: Stand, law: str, steps_per_collision: int) -> tuple[float, float]:
+def wandering(platform: Platform, law: str, steps_per_collision: int) -> tuple[float, float]:
     """Largest relative change of energy, and mean number of contacts at a reading."""
     soft, start = gas(law)
     dt = duration(soft, SPEED * math.sqrt(2)) / steps_per_collision
     probes = (Ledger(), Contacts())
     beats = 500
     steps = COLLISION_TIMES * steps_per_collision // beats
-    motion = stand.run(MemberStart(soft, dt, start), beats, steps, probes)
-    energy = energies(motion, *probes)
+    trajectory = platform.run(MemberStart(soft, dt, start), beats, steps, probes)
+    energy = energies(trajectory, *probes)
     initial = 0.5 * soft.grains.mass * float(np.sum(start.v**2))
-    return float(np.abs(energy / initial - 1).max()), len(motion.rows(probes[1])["step"]) / beats
+    return float(np.abs(energy / initial - 1).max()), len(trajectory.rows(probes[1])["step"]) / beats
 
 
 def _gas(law: str):
-    def run(stand: Stand) -> Mapping[str, float]:
-        finest, busy = wandering(stand, law, 2000)
-        coarse, _ = wandering(stand, law, 500)
+    def run(platform: Platform) -> Mapping[str, float]:
+        finest, busy = wandering(platform, law, 2000)
+        coarse, _ = wandering(platform, law, 500)
         return {
             "largest change of energy": finest,
             "|order in dt - 2|": abs(math.log(coarse / finest, 4) - 2),

@@ -15,8 +15,8 @@ from labbook.backend.probes import Sample
 from labbook.checks.verify import edge
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, linear, scene
+from labbook.checks.verify.platform import MemberStart, Platform, require
 from labbook.checks.verify.rolling import lever
-from labbook.checks.verify.stand import MemberStart, Stand, require
 from labbook.scene import CylinderSilo, Scene, SurfaceChange, WedgeHopper
 from labbook.scene.packing import Packing
 from labbook.scene.thick_plate import Lip
@@ -40,15 +40,15 @@ def rounded(round_hole: bool) -> Scene:
     return scene(1, linear(normal_stiffness=STIFF), hopper, G, **{"bottom-left": smooth})
 
 
-def _slides(stand: Stand, round_hole: bool) -> Mapping[str, float]:
+def _slides(platform: Platform, round_hole: bool) -> Mapping[str, float]:
     silo = rounded(round_hole)
     rho = LIP.radius + lever(silo)
     push = 0.75 * math.sqrt(G * rho)
     start = Packing(
         x=np.array([[-BEGIN - 0.2 * R, 0.0, lever(silo)]]), v=np.array([[push, 0.0, 0.0]]), omega=np.zeros((1, 3))
     )
-    motion = stand.run(MemberStart(silo, DT, start), 600, STEPS, (MOTION,))
-    x, z, v = motion.by_beat(MOTION, ("x", "z", "vx"))[:, 0].T
+    trajectory = platform.run(MemberStart(silo, DT, start), 600, STEPS, (MOTION,))
+    x, z, v = trajectory.by_beat(MOTION, ("x", "z", "vx"))[:, 0].T
     off = (x > -BEGIN) & (np.hypot(x + BEGIN, z + LIP.radius) > LIP.radius + R)
     require(bool(off[-1]) and not off[0], "the grain has not left the edge")
     cosine = (2 + push**2 / (G * rho)) / 3

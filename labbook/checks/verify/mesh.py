@@ -12,7 +12,7 @@ import numpy as np
 from labbook.backend.probes import Contacts, Sample
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, floor, linear, scene
-from labbook.checks.verify.stand import MemberStart, Motion, Stand, grains_at, require
+from labbook.checks.verify.platform import MemberStart, Platform, Trajectory, grains_at, require
 from labbook.scene import Primitives, Scene, TriangleMesh, Wall
 from labbook.scene.triangles import Triangles, turn
 
@@ -61,9 +61,9 @@ def _soft(wall: Wall) -> Scene:
     return scene(1, soft, Primitives(parts=(wall,)))
 
 
-def _followed(stand: Stand, of: Scene, start, beats: int) -> np.ndarray:
+def _followed(platform: Platform, of: Scene, start, beats: int) -> np.ndarray:
     """Follow grains; columns NAMES of each at each beat, shape [beats, grains, 9]."""
-    return stand.run(MemberStart(of, DT, start), beats, STEPS, [MOTION, CONTACTS]).by_beat(MOTION, NAMES)
+    return platform.run(MemberStart(of, DT, start), beats, STEPS, [MOTION, CONTACTS]).by_beat(MOTION, NAMES)
 
 
 def _over_vertices(vertices: np.ndarray, count: int, overlap: float, speed: float):
@@ -72,21 +72,21 @@ def _over_vertices(vertices: np.ndarray, count: int, overlap: float, speed: floa
     inner = vertices[np.abs(vertices[:, :2]).max(axis=1) < np.abs(vertices).max() / 2]
     target = rng.permutation(inner)[:count]
     side = math.ceil(math.sqrt(count))
-    place = 14 * R * (np.array([divmod(k, side) for k in range(count)]) - side / 2)  # so that none meet
+    positions = 14 * R * (np.array([divmod(k, side) for k in range(count)]) - side / 2)  # so that none meet
     v = np.zeros((count, 3))
-    v[:, :2] = target[:, :2] - place
+    v[:, :2] = target[:, :2] - positions
     v *= speed / np.linalg.norm(v, axis=1)[:, None]
-    return grains_at(np.column_stack([place, np.full(count, R - overlap)]), v)
+    return grains_at(np.column_stack([positions, np.full(count, R - overlap)]), v)
 
 
-def _plane(stand: Stand) -> Mapping[str, float]:
+def _plane(platform: Platform) -> Mapping[str, float]:
     vertices, triangles = sheet(16, 24 * R)
     level = on(floor(), 4, 0.3, 0.5)
     law = level.contact
     overlap = level.grains.mass * G / law.model_dump()["normal_stiffness"]
     start = _over_vertices(vertices, 4, overlap, 0.5)
-    plane = _followed(stand, level, start, 60)
-    mesh = _followed(stand, on(of_triangles(vertices, triangles), 4, 0.3, 0.5), start, 60)
+    plane = _followed(platform, level, start, 60)
+    mesh = _followed(platform, on(of_triangles(vertices, triangles), 4, 0.3, 0.5), start, 60)
     away = np.abs(mesh - plane).max(axis=(0, 1))
     return {
         "|x - x on a plane|/R": float(away[:3].max()) / R,
@@ -95,18 +95,18 @@ def _plane(stand: Stand) -> Mapping[str, float]:
     }
 
 
-def _order(stand: Stand) -> Mapping[str, float]:
+def _order(platform: Platform) -> Mapping[str, float]:
     vertices, triangles = sheet(6, 24 * R)
     rng = np.random.default_rng(SEED)
     order, names = rng.permutation(len(triangles)), rng.permutation(len(vertices))
     shuffled = np.argsort(names)[np.roll(triangles[order], 1, axis=1)[:, ::-1]]
     start = _over_vertices(vertices, 4, 0.0, 0.5)
-    sorted_ = _followed(stand, on(of_triangles(vertices, triangles), 4, 0.3, 0.5), start, 10)
-    again = _followed(stand, on(of_triangles(vertices[names], shuffled), 4, 0.3, 0.5), start, 10)
+    sorted_ = _followed(platform, on(of_triangles(vertices, triangles), 4, 0.3, 0.5), start, 10)
+    again = _followed(platform, on(of_triangles(vertices[names], shuffled), 4, 0.3, 0.5), start, 10)
     return {"largest difference": float(np.abs(sorted_ - again).max())}
 
 
-def _valley(stand: Stand) -> Mapping[str, float]:
+def _valley(platform: Platform) -> Mapping[str, float]:
     """A grain at rest in a valley, whose sides are at an angle b from the vertical: N = m g/(2 sin b) at each."""
     errors, contacts = [], []
     for angle in (0.4, 0.7, 1.1):
@@ -117,8 +117,8 @@ def _valley(stand: Stand) -> Mapping[str, float]:
         mass, stiffness = of.grains.mass, of.contact.model_dump()["normal_stiffness"]
         force = mass * G / (2 * math.sin(angle))
         start = grains_at([0.0, 0.3 * R, (R - force / stiffness) / math.sin(angle)])
-        motion = stand.run(MemberStart(of, DT, start), 10, STEPS, [MOTION, CONTACTS])
-        forces, several = _forces(motion)
+        trajectory = platform.run(MemberStart(of, DT, start), 10, STEPS, [MOTION, CONTACTS])
+        forces, several = _forces(trajectory)
         errors.append(np.abs(forces / force - 1).max())
         contacts.append(several)
     return {"N/(m g/(2 sin b)) - 1": float(max(errors)), "|contacts - 2|": float(np.abs(np.array(contacts) - 2).max())}
@@ -130,15 +130,15 @@ def _strips(rows: int) -> np.ndarray:
     return np.array([t for c in cells for t in ((c, c + 3, c + 4), (c, c + 4, c + 1))])
 
 
-def _forces(motion: Motion) -> tuple[np.ndarray, int]:
+def _forces(trajectory: Trajectory) -> tuple[np.ndarray, int]:
     """Sizes of the forces [N] of the contacts at the last beat, and how many these are."""
-    table = motion.rows(CONTACTS)
+    table = trajectory.rows(CONTACTS)
     last = table["step"] == table["step"].max()
     force = np.column_stack([table[name][last] for name in ("fx", "fy", "fz")])
     return np.linalg.norm(force, axis=1), len(force)
 
 
-def _peak(stand: Stand) -> Mapping[str, float]:
+def _peak(platform: Platform) -> Mapping[str, float]:
     """Grains fall on all places of a pyramid, and bounce off its tip, its ridges and its faces without friction and
     loss. Of each the energy is that of the start once it is free again, and none is ever within the pyramid."""
     a, high = 6 * R, 3 * R
@@ -152,8 +152,8 @@ def _peak(stand: Stand) -> Mapping[str, float]:
         ground = high * (1 - max(x, y) * R / a)
         top = (x * R, y * R, ground + 3 * R)
         starts.append(MemberStart(_soft(wall), FREE_DT, grains_at(top, [0.0, 0.0, -SPEED])))
-    for motion in stand.run_all(starts, 200, STEPS, [MOTION, CONTACTS]):
-        vx, vy, vz = np.moveaxis(motion.by_beat(MOTION, ("vx", "vy", "vz"))[:, 0], -1, 0)
+    for trajectory in platform.run_all(starts, 200, STEPS, [MOTION, CONTACTS]):
+        vx, vy, vz = np.moveaxis(trajectory.by_beat(MOTION, ("vx", "vy", "vz"))[:, 0], -1, 0)
         speed = math.sqrt(vx[-1] ** 2 + vy[-1] ** 2 + vz[-1] ** 2)
         errors.append(abs((speed / SPEED) ** 2 - 1))
         hits += int(vz[-1] > -0.999 * SPEED)
@@ -161,7 +161,7 @@ def _peak(stand: Stand) -> Mapping[str, float]:
     return {"energy after/before - 1": float(max(errors))}
 
 
-def _free_edge(stand: Stand) -> Mapping[str, float]:
+def _free_edge(platform: Platform) -> Mapping[str, float]:
     """Grains fly past the free edge of a thin plate, at distances b of their path from it: of the centre the energy
     and the angular momentum about the edge stay, and beyond R nothing happens."""
     far = 30 * R
@@ -172,8 +172,8 @@ def _free_edge(stand: Stand) -> Mapping[str, float]:
         start = grains_at([b * R, 0.1 * R, 3 * R], [0.0, 0.0, -SPEED])
         starts.append(MemberStart(_soft(wall), FREE_DT, start))
     energy, momentum, beyond = [], [], math.nan
-    for b, motion in zip(offsets, stand.run_all(starts, 200, STEPS, [MOTION, CONTACTS]), strict=True):
-        x, z, vx, vz = np.moveaxis(motion.by_beat(MOTION, ("x", "z", "vx", "vz"))[:, 0], -1, 0)
+    for b, trajectory in zip(offsets, platform.run_all(starts, 200, STEPS, [MOTION, CONTACTS]), strict=True):
+        x, z, vx, vz = np.moveaxis(trajectory.by_beat(MOTION, ("x", "z", "vx", "vz"))[:, 0], -1, 0)
         if b > 1:
             beyond = float(np.abs(vx).max() + np.abs(vz + SPEED).max())
             continue
@@ -187,7 +187,7 @@ def _free_edge(stand: Stand) -> Mapping[str, float]:
     }
 
 
-def _round(stand: Stand) -> Mapping[str, float]:
+def _round(platform: Platform) -> Mapping[str, float]:
     """A grain at rest in a trough with 48 sides a turn that `smooth` makes one surface: one contact carries its weight,
     on a side and over an edge alike."""
     sides, radius = 48, 19 * R
@@ -205,7 +205,7 @@ def _round(stand: Stand) -> Mapping[str, float]:
         low = -apothem / (math.cos(math.pi / sides) if shift == 0 else 1.0)
         gap = R if shift else R / math.cos(math.pi / sides)
         start = grains_at([0.0, 0.1 * R, low + gap - overlap / (1.0 if shift else math.cos(math.pi / sides))])
-        forces, several = _forces(stand.run(MemberStart(of, DT, start), 10, STEPS, [MOTION, CONTACTS]))
+        forces, several = _forces(platform.run(MemberStart(of, DT, start), 10, STEPS, [MOTION, CONTACTS]))
         errors.append(abs(float(forces.sum()) / (of.grains.mass * G) - 1))
         counts.append(several)
     return {"N/(m g) - 1": max(errors), "|contacts - 1|": float(np.abs(np.array(counts) - 1).max())}

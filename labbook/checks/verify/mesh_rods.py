@@ -9,8 +9,8 @@ from labbook.backend.probes import Contacts, Ledger
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import G, floor
 from labbook.checks.verify.mesh import of_triangles, sheet
+from labbook.checks.verify.platform import MemberStart, Platform, require
 from labbook.checks.verify.rods import HALF, MOTION, ROD, R, rods, rods_at, towards
-from labbook.checks.verify.stand import MemberStart, Stand, require
 from labbook.scene import Primitives
 
 DT = 5e-6
@@ -35,7 +35,7 @@ def along(direction: float, tilt: float = 0.0) -> np.ndarray:
     return towards(np.array([math.cos(direction) * flat, math.sin(direction) * flat, math.sin(tilt)]))
 
 
-def _plane(stand: Stand) -> Mapping[str, float]:
+def _plane(platform: Platform) -> Mapping[str, float]:
     """Rods that land with one end first and slide, turn and roll over edges and vertices of a sheet."""
     vertices, triangles = sheet(6, 6 * HALF)
     tilts, directions = (0.05, 0.0), (0.3, 1.9)
@@ -45,13 +45,13 @@ def _plane(stand: Stand) -> Mapping[str, float]:
     ends = []
     for wall in (floor(), of_triangles(vertices, triangles)):
         of = rods(2, Primitives(parts=(wall,)), gravity=G, friction=0.3, restitution=0.5, rolling_friction=0.02)
-        ends.append(stand.run(MemberStart(of, 4 * DT, start), 10, 60, PROBES).by_beat(MOTION, NAMES))
+        ends.append(platform.run(MemberStart(of, 4 * DT, start), 10, 60, PROBES).by_beat(MOTION, NAMES))
     away = np.abs(ends[1] - ends[0]).max(axis=(0, 1))
     require(float(np.ptp(ends[0][..., 0], axis=0).max()) > R / 2, "no rod slid")
     return {"|x - x on a plane|/R": float(away[:3].max()) / R, "axis": float(away[9:].max())}
 
 
-def _ridge(stand: Stand) -> Mapping[str, float]:
+def _ridge(platform: Platform) -> Mapping[str, float]:
     """Rods that fall across the ridge of a roof and the tip of a pyramid, off their centres, with both ends free."""
     a, high = 8 * HALF, 10 * HALF
     roof = of_triangles(
@@ -71,16 +71,16 @@ def _ridge(stand: Stand) -> Mapping[str, float]:
             of = rods(1, Primitives(parts=(wall,)), normal_stiffness=2e3, **LOSSLESS)
             starts.append(MemberStart(of, 0.4 * DT, packing))
     energy = []
-    for motion in stand.run_all(starts, 60, 50, PROBES):
-        kinetic = motion.rows(ENERGY)["kinetic"]
-        rows = motion.rows(CONTACTS)
+    for trajectory in platform.run_all(starts, 60, 50, PROBES):
+        kinetic = trajectory.rows(ENERGY)["kinetic"]
+        rows = trajectory.rows(CONTACTS)
         require(len(rows["step"]) > 3, "a rod was not turned aside")
         require(len(np.unique(rows["step"])) == len(rows["step"]), "a rod touched at two points")
         energy.append(abs(kinetic[-1] / (0.5 * ROD.mass * speed**2) - 1))
     return {"energy after/before - 1": float(max(energy))}
 
 
-def _ledge(stand: Stand) -> Mapping[str, float]:
+def _ledge(platform: Platform) -> Mapping[str, float]:
     """A rod at rest on a plate, with a part of it beyond an edge: its end and the edge share its weight m g as the
     levers from its centre say."""
     far = 8 * HALF
@@ -94,8 +94,8 @@ def _ledge(stand: Stand) -> Mapping[str, float]:
         level = R - 0.5 * ROD.mass * G / of.contact.model_dump()["normal_stiffness"]
         starts.append(MemberStart(of, DT, rods_at([[centre * HALF, 0.3 * R, level]], [along(0.0)])))
     errors, counts = [], []
-    for centre, motion in zip(centres, stand.run_all(starts, 4, 2000, PROBES), strict=True):
-        table = motion.rows(CONTACTS)
+    for centre, trajectory in zip(centres, platform.run_all(starts, 4, 2000, PROBES), strict=True):
+        table = trajectory.rows(CONTACTS)
         last = table["step"] == table["step"].max()
         at, force = table["bx"][last] + centre * HALF, table["fz"][last]
         counts.append(abs(len(at) - 2))

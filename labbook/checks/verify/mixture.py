@@ -12,7 +12,7 @@ from labbook.backend.probes import Ledger
 from labbook.checks.verify.bed import DT, SOFT, at_rest, borne, in_each
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import LAWS, D, G, floor, hertz, room
-from labbook.checks.verify.stand import MemberStart, Motion, Stand, require
+from labbook.checks.verify.platform import MemberStart, Platform, Trajectory, require
 from labbook.checks.verify.symmetry import difference
 from labbook.filling import place, start_of_discharge
 from labbook.scene import (
@@ -91,11 +91,11 @@ def _normals(start: Packing, end: Packing, v: np.ndarray, dt: float) -> np.ndarr
     return away / np.linalg.norm(away, axis=1)[:, None]
 
 
-def _restores(stand: Stand, law: str) -> Mapping[str, float]:
+def _restores(platform: Platform, law: str) -> Mapping[str, float]:
     scene, speed = mixed(18, law, SurfaceChange(friction=0)), 0.1
     dt = collision(scene.model_copy(update={"gravity": speed**2 / D})) / 500
     start = pairs(scene, speed, 0.0, dt)
-    end = stand.run(MemberStart(scene, dt, start), 1, 12000).end
+    end = platform.run(MemberStart(scene, dt, start), 1, 12000).end
     n, mass = len(start) // 2, Bodies.of(scene.grains, start).mass
     normal = _normals(start, end, start.v[:n] - start.v[n:], dt)
     e = np.sum((end.v[n:] - end.v[:n]) * normal, axis=1) / speed
@@ -107,7 +107,7 @@ def _restores(stand: Stand, law: str) -> Mapping[str, float]:
     }
 
 
-def _glances(stand: Stand, law: str) -> Mapping[str, float]:
+def _glances(platform: Platform, law: str) -> Mapping[str, float]:
     """Collide elastically, so that the force begins at zero, and slide throughout.
 
     The tangential impulse is mu times the normal one, and spins each grain by its own lever.
@@ -117,7 +117,7 @@ def _glances(stand: Stand, law: str) -> Mapping[str, float]:
     scene = mixed(18, law, SurfaceChange(restitution=1), **stiff, tangential_damping=0.0)
     dt = collision(scene.model_copy(update={"gravity": (speed * math.cos(angle)) ** 2 / D})) / 500
     start = pairs(scene, speed, angle, dt)
-    end = stand.run(MemberStart(scene, dt, start), 1, 12000).end
+    end = platform.run(MemberStart(scene, dt, start), 1, 12000).end
     n, own = len(start) // 2, Bodies.of(scene.grains, start)
     v = start.v[:n] - start.v[n:]
     normal = _normals(start, end, v, dt)
@@ -137,13 +137,13 @@ def _glances(stand: Stand, law: str) -> Mapping[str, float]:
     return {"velocities": float(np.max(errors[::2])), "spins": float(np.max(errors[1::2]))}
 
 
-def _conserves(stand: Stand, law: str) -> Mapping[str, float]:
+def _conserves(platform: Platform, law: str) -> Mapping[str, float]:
     scene = mixed(18, law, rolling_friction=0.02)
     dt = collision(scene) / 100
     start = pairs(scene, 0.2, 0.5, dt)
     start = replace(start, omega=np.random.default_rng(4).normal(size=start.x.shape) * 0.2 / D)
-    motions = [stand.run(MemberStart(scene, dt, start), 1, steps, [Ledger()]) for steps in (1, 3000)]
-    before, after = ({name: float(column[-1]) for name, column in m.rows(Ledger()).items()} for m in motions)
+    trajectories = [platform.run(MemberStart(scene, dt, start), 1, steps, [Ledger()]) for steps in (1, 3000)]
+    before, after = ({name: float(column[-1]) for name, column in m.rows(Ledger()).items()} for m in trajectories)
     require(abs(after["kinetic"] / before["kinetic"] - 1) > 0.01, "the pairs did not collide")
     own = Bodies.of(scene.grains, start)
     p = float(own.mass @ np.linalg.norm(start.v, axis=1))
@@ -165,7 +165,7 @@ def _overlap(scene: Scene, force: float, radius: float) -> float:
     return force / law.normal_stiffness
 
 
-def _stands(stand: Stand, law: str) -> Mapping[str, float]:
+def _stands(platform: Platform, law: str) -> Mapping[str, float]:
     """A small heavy grain on top of a large one on a floor, exactly upright: both sink in until they are carried."""
     soft = {"shear_modulus": 1e7} if law == "hertz-mindlin" else {}
     scene = mixed(2, law, None, **soft).model_copy(update={"container": Primitives(parts=(floor(),)), "gravity": G})
@@ -179,7 +179,7 @@ def _stands(stand: Stand, law: str) -> Mapping[str, float]:
     below, between = _overlap(scene, weights.sum(), r), _overlap(scene, weights[1], r * s / (r + s))
     x = np.array([[0, 0, r - below / 2], [0, 0, 2 * r + s - below / 2 - between / 2]])
     start = Packing(x=x, v=np.zeros((2, 3)), omega=np.zeros((2, 3)), diameter=own[0], kind=own[1])
-    end = stand.run(MemberStart(scene, 0.05 * collision(scene), start), 40).end
+    end = platform.run(MemberStart(scene, 0.05 * collision(scene), start), 40).end
     return {
         "below": abs((r - float(end.x[0, 2])) / below - 1),
         "between": abs((r + s - float(end.x[1, 2] - end.x[0, 2])) / between - 1),
@@ -200,20 +200,20 @@ def graded_hopper(count: int = 100) -> Scene:
     return Scene(grains=grains, contact=hertz(**SOFT, between=between), container=silo, gravity=G)
 
 
-def _carries(stand: Stand) -> Mapping[str, float]:
-    return in_each({"graded": borne(stand, graded_hopper().close(), DT / 2, 400)})
+def _carries(platform: Platform) -> Mapping[str, float]:
+    return in_each({"graded": borne(platform, graded_hopper().close(), DT / 2, 400)})
 
 
-def _flows(stand: Stand, start: Packing, steps: int) -> Motion:
-    return stand.run(MemberStart(graded_hopper(), DT / 2, start), 1, steps)
+def _flows(platform: Platform, start: Packing, steps: int) -> Trajectory:
+    return platform.run(MemberStart(graded_hopper(), DT / 2, start), 1, steps)
 
 
-def _renumbers(stand: Stand) -> Mapping[str, float]:
+def _renumbers(platform: Platform) -> Mapping[str, float]:
     closed = graded_hopper().close()
-    fallen = stand.run(MemberStart(closed, DT / 2, place(closed, "gas", 1)), 30).end
+    fallen = platform.run(MemberStart(closed, DT / 2, place(closed, "gas", 1)), 30).end
     start = start_of_discharge(fallen, closed, graded_hopper())
     order = np.random.default_rng(4).permutation(len(start))
-    ends = [_flows(stand, packing, 1000).end for packing in (start, start.renumbered(order))]
+    ends = [_flows(platform, packing, 1000).end for packing in (start, start.renumbered(order))]
     moved = difference(start, ends[0])
     require(moved > 0.01, "nothing moved")
     return {"after 4 ms": difference(*ends)}

@@ -13,7 +13,7 @@ from labbook.backend.probes import Dissipation, Ledger, Traction
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, linear, scene
 from labbook.checks.verify.mesh import CONTACTS, DT, MOTION, R, of_triangles, sheet
-from labbook.checks.verify.stand import MemberStart, Stand, grains_at, require
+from labbook.checks.verify.platform import MemberStart, Platform, grains_at, require
 from labbook.scene import PartMotion, PartRotation, Primitives, Scene, Vibration, Wall
 
 FORCES = Traction(size=100 * D)
@@ -33,28 +33,30 @@ def plate(cells: int = 2, half: float = 12 * R) -> Wall:
     return of_triangles(*sheet(cells, half))
 
 
-def _over(wall: Wall, count: int = 1, gravity: float = 0.0, **surface) -> Scene:
+def _scene_above(wall: Wall, count: int = 1, gravity: float = 0.0, **surface) -> Scene:
     law = linear(**{"friction": 0.0, "restitution": 1.0, **surface})
     return scene(count, law, Primitives(parts=(wall,)), gravity)
 
 
-def _rising(stand: Stand) -> Mapping[str, float]:
+def _rising(platform: Platform) -> Mapping[str, float]:
     """A plate that rises or sinks at v_w throws a sphere back with v' = -v + 2 v_w, and does the work that it gains."""
     errors, work = [], []
     starts, speeds = [], (0.2, -0.1, 0.0)
     for speed in speeds:
         wall = moving(plate(), velocity=(0.05, 0.0, speed))
-        starts.append(MemberStart(_over(wall), 0.4 * DT, grains_at([0.3 * R, 0.2 * R, 1.05 * R], [0.0, 0.0, -0.3])))
-    for speed, motion in zip(speeds, stand.run_all(starts, 20, 50, [MOTION, CONTACTS, LEDGER]), strict=True):
-        v = motion.end.v[0]
+        starts.append(
+            MemberStart(_scene_above(wall), 0.4 * DT, grains_at([0.3 * R, 0.2 * R, 1.05 * R], [0.0, 0.0, -0.3]))
+        )
+    for speed, trajectory in zip(speeds, platform.run_all(starts, 20, 50, [MOTION, CONTACTS, LEDGER]), strict=True):
+        v = trajectory.end.v[0]
         errors.append(abs(v[2] - (0.3 + 2 * speed)) + abs(v[0]))
         mass = starts[0].scene.grains.mass
-        table = motion.rows(LEDGER)
+        table = trajectory.rows(LEDGER)
         work.append(abs(table["contact_work"][-1] - 0.5 * mass * ((0.3 + 2 * speed) ** 2 - 0.09)) / (mass * 0.09))
     return {"v' - (-v + 2 v_w)": float(max(errors)), "work/(m v^2)": float(max(work))}
 
 
-def _vibrating(stand: Stand) -> Mapping[str, float]:
+def _vibrating(platform: Platform) -> Mapping[str, float]:
     """A sphere hits a plate that vibrates slowly against its contact time, at several phases: v' = -v + 2 v_w, with v_w
     that of the plate at the hit."""
     errors = []
@@ -62,9 +64,11 @@ def _vibrating(stand: Stand) -> Mapping[str, float]:
     for phase in phases:
         motion = Vibration(direction=(0.0, 0.0, 2.0), amplitude=amplitude, frequency=frequency, phase=phase)
         starts.append(
-            MemberStart(_over(moving(plate(), vibration=motion)), 0.2 * DT, grains_at([0, 0, 1.03 * R], [0, 0, -0.5]))
+            MemberStart(
+                _scene_above(moving(plate(), vibration=motion)), 0.2 * DT, grains_at([0, 0, 1.03 * R], [0, 0, -0.5])
+            )
         )
-    for phase, motion in zip(phases, stand.run_all(starts, 40, 50, [MOTION, CONTACTS]), strict=True):
+    for phase, motion in zip(phases, platform.run_all(starts, 40, 50, [MOTION, CONTACTS]), strict=True):
         touching = motion.rows(CONTACTS)["time"]
         require(len(touching) > 2, "the sphere did not hit the plate")
         middle = (touching[0] + touching[-1]) / 2
@@ -73,7 +77,7 @@ def _vibrating(stand: Stand) -> Mapping[str, float]:
     return {"v' - (-v + 2 v_w)": float(max(errors))}
 
 
-def _turntable(stand: Stand) -> Mapping[str, float]:
+def _turntable(platform: Platform) -> Mapping[str, float]:
     """A sphere between two plates that turn about an axis aside goes round with them: its springs turn with them, and
     hold it against m w^2 r/2 each."""
     rate, radius, squeezed = 200.0, 2 * R, 2e-3 * R
@@ -82,13 +86,13 @@ def _turntable(stand: Stand) -> Mapping[str, float]:
     both = np.concatenate([vertices - gap, vertices + gap]), np.concatenate([triangles, triangles + len(vertices)])
     origin = np.array([R, 0.5 * R, 0.0])
     turned = PartRotation(axis=(0.0, 0.0, 3.0), origin=(R, 0.5 * R, 0.0), rate=rate)
-    of = _over(moving(of_triangles(*both), rotation=turned), friction=1.0, restitution=0.2)
+    of = _scene_above(moving(of_triangles(*both), rotation=turned), friction=1.0, restitution=0.2)
     start = grains_at(origin + np.array([radius, 0.0, 0.0]), [0.0, rate * radius, 0.0], [0.0, 0.0, rate])
     beats, dt = 50, 4 * DT
     steps = round(TURNS * 2 * math.pi / rate / dt / beats)
-    motion = stand.run(MemberStart(of, dt, start), beats, steps, [MOTION, CONTACTS, LEDGER])
-    x, y = (motion.by_beat(MOTION, ("x", "y"))[:, 0] - origin[:2]).T
-    angle = np.arctan2(y, x) - rate * motion.times(MOTION)
+    trajectory = platform.run(MemberStart(of, dt, start), beats, steps, [MOTION, CONTACTS, LEDGER])
+    x, y = (trajectory.by_beat(MOTION, ("x", "y"))[:, 0] - origin[:2]).T
+    angle = np.arctan2(y, x) - rate * trajectory.times(MOTION)
     angle = np.mod(angle + math.pi, 2 * math.pi) - math.pi
     away, later = np.hypot(x, y), beats // 2
     mass, law = of.grains.mass, of.contact.model_dump()
@@ -107,7 +111,7 @@ def box(half: float) -> tuple[np.ndarray, np.ndarray]:
     return ends, np.array([t for a, b, c, d in sides for t in ((a, b, c), (a, c, d))])
 
 
-def _balance(stand: Stand) -> Mapping[str, float]:
+def _balance(platform: Platform) -> Mapping[str, float]:
     """Spheres in a box that turns about an axis aside, sinks and vibrates: forces and torques on the box are what their
     momenta gain, and its power what their energy gains and loses in contacts."""
     motion = {
@@ -116,12 +120,12 @@ def _balance(stand: Stand) -> Mapping[str, float]:
         "vibration": Vibration(direction=(1.0, 0.0, 0.0), amplitude=0.05 * R, frequency=60.0, phase=0.4),
     }
     wall = moving(of_triangles(*box(2.3 * R)), **motion)
-    of = _over(wall, 8, G, friction=0.4, rolling_friction=0.0)
+    of = _scene_above(wall, 8, G, friction=0.4, rolling_friction=0.0)
     x = np.array([(a, b, c) for a in (-1.2, 1.2) for b in (-1.2, 1.2) for c in (-1.2, 1.2)]) * R
     v = np.random.default_rng(4).uniform(-0.3, 0.3, (8, 3))
     probes = [MOTION, CONTACTS, LEDGER, FORCES, POWER]
     steps, beats = 1, 800
-    run = stand.run(MemberStart(of, DT, grains_at(x, v)), beats, steps, probes)
+    run = platform.run(MemberStart(of, DT, grains_at(x, v)), beats, steps, probes)
     require(run.rows(FORCES)["contacts"].sum() > 20, "hardly a sphere touched the box")
     ledger, forces, power = (run.rows(probe) for probe in (LEDGER, FORCES, POWER))
     inside = np.abs(wall_frame(wall, run.end.x, beats * steps * DT)).max()
@@ -165,11 +169,11 @@ def wall_frame(wall: Wall, x: np.ndarray, time: float) -> np.ndarray:
 
 def _by_step(rows: Mapping[str, np.ndarray], names: tuple[str, ...], steps: np.ndarray) -> np.ndarray:
     """Sums over bins of columns at each of the steps, shape [steps, columns]."""
-    place = np.searchsorted(steps, rows["step"])
-    return np.column_stack([np.bincount(place, rows[name], minlength=len(steps)) for name in names])
+    index = np.searchsorted(steps, rows["step"])
+    return np.column_stack([np.bincount(index, rows[name], minlength=len(steps)) for name in names])
 
 
-def _frames(stand: Stand) -> Mapping[str, float]:
+def _frames(platform: Platform) -> Mapping[str, float]:
     """Without gravity, spheres in a box see the same in a frame that moves with it: box and spheres with a velocity in
     common, or both turned, give the same motion."""
     x = np.array([(a, b, 0.0) for a in (-1.2, 1.2) for b in (-1.2, 1.2)]) * R
@@ -177,8 +181,8 @@ def _frames(stand: Stand) -> Mapping[str, float]:
     still, wind = of_triangles(*box(2.4 * R)), np.array([0.3, -0.2, 0.1])
     results = []
     for wall, push in ((still, 0.0), (moving(still, velocity=tuple(wind.tolist())), wind)):
-        of = _over(wall, 4, friction=0.4, restitution=0.8)
-        run = stand.run(MemberStart(of, DT, grains_at(x, v + push)), 4, 250, [MOTION, CONTACTS, LEDGER])
+        of = _scene_above(wall, 4, friction=0.4, restitution=0.8)
+        run = platform.run(MemberStart(of, DT, grains_at(x, v + push)), 4, 250, [MOTION, CONTACTS, LEDGER])
         end = run.by_beat(MOTION, NAMES)[-1]
         end[:, :3] -= np.multiply(push, 1000 * DT)
         end[:, 3:6] -= push

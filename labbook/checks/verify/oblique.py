@@ -14,7 +14,7 @@ import numpy as np
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import EVERY_LAW, LAWS, floor
 from labbook.checks.verify.planar import PlanarBody, PlanarImpact
-from labbook.checks.verify.stand import MemberStart, Stand
+from labbook.checks.verify.platform import MemberStart, Platform
 from labbook.scene import ContactLaw, Kind, Plane, Primitives, Scene, Spheres, Wall
 from labbook.scene.material import shear_modulus
 
@@ -55,9 +55,9 @@ def _scene(law: ContactLaw, grains: Spheres, *walls: Wall) -> Scene:
 def _at_wall(law: ContactLaw, of: Material, motions: Iterable[tuple[float, float, float]]) -> list[PlanarImpact]:
     """Motions: velocities along the wall and towards it [m/s], and spins [rad/s]."""
     grains, scene = of[0], _scene(law, of[0], floor())
-    place = (0.0, grains.radius)
+    position = (0.0, grains.radius)
     return [
-        PlanarImpact.of(scene, (PlanarBody.sphere(grains, place, (along, -v), spin),), "floor", v, follow=3.0)
+        PlanarImpact.of(scene, (PlanarBody.sphere(grains, position, (along, -v), spin),), "floor", v, follow=3.0)
         for along, v, spin in motions
     ]
 
@@ -115,14 +115,14 @@ def _kinds(law: str) -> list[str]:
     return [name for name in KINDS if law in LAWS or "unlike" not in name]
 
 
-def _errors(stand: Stand, law: str) -> Mapping[str, float]:
-    return {name: max(_error(stand, impact) for impact in KINDS[name](law)) for name in _kinds(law)}
+def _errors(platform: Platform, law: str) -> Mapping[str, float]:
+    return {name: max(_error(platform, impact) for impact in KINDS[name](law)) for name in _kinds(law)}
 
 
-def _error(stand: Stand, impact: PlanarImpact) -> float:
+def _error(platform: Platform, impact: PlanarImpact) -> float:
     dt = impact.lasts / STEPS
     start = MemberStart(impact.scene, dt, impact.packing(AHEAD * dt))
-    end = stand.run(start, 1, round(impact.follow * STEPS)).end
+    end = platform.run(start, 1, round(impact.follow * STEPS)).end
     return float(np.abs(impact.error(end, impact.parted())).max())
 
 

@@ -19,7 +19,7 @@ from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 
-from labbook.checks.verify.stand import require
+from labbook.checks.verify.platform import require
 from labbook.scene import ContactLaw, LinearSpringDashpot, Scene, Spheres, Surface
 from labbook.scene.contact import Hertz
 from labbook.scene.packing import Packing
@@ -48,7 +48,7 @@ class PlanarBody:
     inertia: float
     radius: float
     half: float
-    place: tuple[float, float]
+    position: tuple[float, float]
     velocity: tuple[float, float]
     angle: float = 0.0
     spin: float = 0.0
@@ -60,15 +60,15 @@ class PlanarBody:
 
     @classmethod
     def sphere(
-        cls, grains: Spheres, place: tuple[float, float], velocity: tuple[float, float], spin: float = 0.0
+        cls, grains: Spheres, position: tuple[float, float], velocity: tuple[float, float], spin: float = 0.0
     ) -> Self:
         """Build one sphere of some grains."""
-        return cls(grains.mass, grains.inertia, grains.radius, 0.0, place, velocity, spin=spin)
+        return cls(grains.mass, grains.inertia, grains.radius, 0.0, position, velocity, spin=spin)
 
     def after(self, time: float) -> "PlanarBody":
         """Return the body after free flight over `time` [s], which may be negative."""
-        (x, z), (vx, vz) = self.place, self.velocity
-        return replace(self, place=(x + vx * time, z + vz * time), angle=self.angle + self.spin * time)
+        (x, z), (vx, vz) = self.position, self.velocity
+        return replace(self, position=(x + vx * time, z + vz * time), angle=self.angle + self.spin * time)
 
 
 class PlanarContact(NamedTuple):
@@ -144,7 +144,7 @@ class PlanarLaw:
         return k_t, ratio * math.sqrt(6 * self.mass * stiff)
 
     @property
-    def stiff_at_once(self) -> bool:
+    def stiff_from_touch(self) -> bool:
         """True if stiffness and dashpots have their full size from the first touch."""
         return isinstance(self.law, LinearSpringDashpot)
 
@@ -279,7 +279,7 @@ class PlanarImpact:
     def packing(self, before: float) -> Packing:
         """Place the bodies as they are `before` [s] the first touch."""
         bodies = [body.after(-before) for body in self.bodies]
-        x = np.array([[b.place[0], 0.0, b.place[1]] for b in bodies])
+        x = np.array([[b.position[0], 0.0, b.position[1]] for b in bodies])
         v = np.array([[b.velocity[0], 0.0, b.velocity[1]] for b in bodies])
         omega = np.array([[0.0, b.spin, 0.0] for b in bodies])
         q = None
@@ -314,14 +314,14 @@ class _Flight:
         self.contacts = 2 if impact.wall == "floor" and impact.bodies[0].half else 1
         self.regimes: list[Regime] = ["open"] * self.contacts
         self.signs = [1.0] * self.contacts
-        self.parts: dict[int, float] = {}
+        self.shares: dict[int, float] = {}
         self.damped = self.law.law.damping_ratio(self.law.surface.restitution) > 0
         self.pushes = [1.0] * self.contacts
         self.tiny = 1e-5 * impact.lasts
 
     def _pose(self, y: np.ndarray, k: int) -> tuple[np.ndarray, float]:
         body = self.start[k]
-        return np.array(body.place) + y[6 * k : 6 * k + 2], body.angle + y[6 * k + 2]
+        return np.array(body.position) + y[6 * k : 6 * k + 2], body.angle + y[6 * k + 2]
 
     def meetings(self, y: np.ndarray) -> list[PlanarContact]:
         """Geometry of all possible contacts, touching or not."""
@@ -372,16 +372,16 @@ class _Flight:
             s = float(y[6 * bodies + c]) if sticks else self._sliding(c, y, at)
             friction = self.law.friction(at.overlap, vn, s, vt, self._damped(c, y))
             force = self.law.normal(at.overlap, vn) * at.normal + friction * tangent
-            for k, (push, arm) in enumerate(((force, at.first), (-force, at.second))[:bodies]):
+            for k, (push, lever_arm) in enumerate(((force, at.first), (-force, at.second))[:bodies]):
                 out[6 * k + 3 : 6 * k + 5] += push / self.start[k].mass
-                out[6 * k + 5] += (arm[1] * push[0] - arm[0] * push[1]) / self.start[k].inertia
+                out[6 * k + 5] += (lever_arm[1] * push[0] - lever_arm[0] * push[1]) / self.start[k].inertia
             out[6 * bodies + c] = vt if sticks else 0.0
         return out
 
     def _damped(self, c: int, y: np.ndarray) -> float:
         """Acting part of the dashpot."""
-        if c in self.parts:
-            return self.parts[c]
+        if c in self.shares:
+            return self.shares[c]
         return self.gripping(c, y) if self.regimes[c] == "grips" else float(self.regimes[c] == "sticks")
 
     def gripping(self, c: int, y: np.ndarray) -> float:
@@ -392,14 +392,14 @@ class _Flight:
         """
         without, whole = self._slips(c, y)
         if not self._coupled(without, whole):
-            without, whole = (self._turning(c, y, part) for part in (0.0, 1.0))
+            without, whole = (self._turning(c, y, share) for share in (0.0, 1.0))
         return without / (without - whole)
 
     def _grips(self, c: int, y: np.ndarray) -> bool:
         """True if a contact at its limit would slide with a dashpot, and stick without."""
         without, whole = self._slips(c, y)
         if not self._coupled(without, whole):
-            without, whole = (self._turning(c, y, part) for part in (0.0, 1.0))
+            without, whole = (self._turning(c, y, share) for share in (0.0, 1.0))
         return without < 0 < whole
 
     def _coupled(self, without: float, whole: float) -> bool:
@@ -408,25 +408,25 @@ class _Flight:
     def _slips(self, c: int, y: np.ndarray) -> tuple[float, float]:
         """`slipping` without the dashpot, and with all of it."""
         slips = []
-        for part in (0.0, 1.0):
-            self.parts[c] = part
+        for share in (0.0, 1.0):
+            self.shares[c] = share
             slips.append(self.slipping(c, y))
-            del self.parts[c]
+            del self.shares[c]
         return slips[0], slips[1]
 
-    def _turning(self, c: int, y: np.ndarray, part: float) -> float:
+    def _turning(self, c: int, y: np.ndarray, share: float) -> float:
         """Change of `slipping` in time [m/s^2] with this part of the dashpot."""
-        self.parts[c] = part
+        self.shares[c] = share
         rate, step = self.rates(y), 30 * self.tiny
         change = (self.slipping(c, y + step * rate) - self.slipping(c, y - step * rate)) / (2 * step)
-        del self.parts[c]
+        del self.shares[c]
         return change
 
     def _sliding(self, c: int, y: np.ndarray, at: PlanarContact | None = None) -> float:
         """The spring [m] of a contact that slides."""
         at = at or self.meetings(y)[c]
         vn, vt, _ = self.speeds(y, at)
-        if at.overlap <= 0 and not self.law.stiff_at_once:
+        if at.overlap <= 0 and not self.law.stiff_from_touch:
             return 0.0
         return self.law.spring(at.overlap, self.signs[c] * self.law.limit(at.overlap, vn, self.pushes[c]), vt)
 
@@ -439,10 +439,10 @@ class _Flight:
         at = self.meetings(y)[c]
         vn, vt, _ = self.speeds(y, at)
         rate, speed = self.rates(y), self.impact.speed
-        if self.law.stiff_at_once:
+        if self.law.stiff_from_touch:
             step = math.copysign(self.tiny, -vn)  # the limit has a bend where the contact begins, and where it ends
-            now, soon, later = (self._sliding(c, y + k * step * rate) for k in range(3))
-            return self.signs[c] * (vt - (4 * soon - 3 * now - later) / (2 * step))
+            now, next_slip, later = (self._sliding(c, y + k * step * rate) for k in range(3))
+            return self.signs[c] * (vt - (4 * next_slip - 3 * now - later) / (2 * step))
         if at.overlap <= 1e-9 * speed * self.impact.lasts:  # `PlanarLaw.first` has decided
             return abs(vt) + speed
         step = min(self.tiny, 0.01 * at.overlap / (abs(vn) + 1e-9 * speed))
@@ -483,8 +483,10 @@ class _Flight:
         """Change the regime of contact c after an event, and put the spring of the new regime into the state y."""
         spring, was = 6 * len(self.start) + c, self.regimes[c]
         least = 1e-9 * self.law.mass * self.impact.speed / self.impact.lasts
-        at_once = change == "slides" and self.law.pulls and self.damped and self.pushes[c] * self._push(c, y) < least
-        if change == "turns" or at_once:
+        turns_at_once = (
+            change == "slides" and self.law.pulls and self.damped and self.pushes[c] * self._push(c, y) < least
+        )
+        if change == "turns" or turns_at_once:
             self._turn(c, y)
             return
         require(change != "presses", "a contact that was gone is pressed again")
@@ -510,7 +512,7 @@ class _Flight:
         spring, at = 6 * len(self.start) + c, self.meetings(y)[c]
         vn, vt, _ = self.speeds(y, at)
         y[spring], self.pushes[c] = 0.0, 1.0
-        if self.law.stiff_at_once or self.impact.scene.gravity:
+        if self.law.stiff_from_touch or self.impact.scene.gravity:
             self.regimes[c] = "sticks"
             if self.law.surface.friction > 0 and self.above(c, y) > 0:
                 self._change(c, "slides", y)
@@ -526,9 +528,9 @@ class _Flight:
         if self.regimes[c] != "sticks":
             y[6 * len(self.start) + c] = self._sliding(c, y)
         self.pushes[c], self.regimes[c] = -self.pushes[c], "sticks"
-        soon = y + self.tiny * self.rates(y)
-        if self.above(c, soon) > 0:
-            self._change(c, "slides", soon)
+        next_state = y + self.tiny * self.rates(y)
+        if self.above(c, next_state) > 0:
+            self._change(c, "slides", next_state)
 
     def ends(self, rtol: float) -> np.ndarray:
         """Integrate to the end, for `PlanarImpact.parted`."""
@@ -560,8 +562,8 @@ class _Flight:
             if time >= end * (1 - 1e-5):
                 break
         require(time >= end * (1 - 1e-5), "the integration did not come to its end")
-        over = impact.scene.gravity > 0 or all(regime == "open" for regime in self.regimes)
-        require(over, "the bodies still touch at the end of the integration")
+        separated = impact.scene.gravity > 0 or all(regime == "open" for regime in self.regimes)
+        require(separated, "the bodies still touch at the end of the integration")
         return np.array([y[6 * k + 3 : 6 * k + 6] for k in range(bodies)])
 
 
@@ -570,10 +572,10 @@ def _event(function, direction: int):
     return function
 
 
-def _at_point(motion: Sequence[float] | np.ndarray, arm: np.ndarray) -> np.ndarray:
-    """Velocity [m/s] of the point at `arm` from a centre that moves with (vx, vz, spin)."""
+def _at_point(motion: Sequence[float] | np.ndarray, lever_arm: np.ndarray) -> np.ndarray:
+    """Velocity [m/s] of the point at `lever_arm` from a centre that moves with (vx, vz, spin)."""
     vx, vz, spin = motion
-    return np.array([vx + spin * arm[1], vz - spin * arm[0]])
+    return np.array([vx + spin * lever_arm[1], vz - spin * lever_arm[0]])
 
 
 def _closest(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float, half_other: float) -> tuple[float, float]:

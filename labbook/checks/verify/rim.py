@@ -12,8 +12,8 @@ import numpy as np
 from labbook.backend.probes import Contacts, Sample
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import G
+from labbook.checks.verify.platform import MemberStart, Platform, grains_at, require
 from labbook.checks.verify.rods import HALF, ROD, R, rods, rods_at, towards
-from labbook.checks.verify.stand import MemberStart, Stand, grains_at, require
 from labbook.scene import Frustum, LinearSpringDashpot, Primitives, Scene, Spheres, SurfaceMotion, Wall
 from labbook.scene.orientation import axes
 
@@ -38,7 +38,7 @@ def lying(off: float, at: float, stiffness: float) -> tuple[np.ndarray, float, f
     return forces, tilt, (low + high) / 2 + off * tilt
 
 
-def _lies(stand: Stand) -> Mapping[str, float]:
+def _lies(platform: Platform) -> Mapping[str, float]:
     """Rods at rest across the hole, their middles 1 mm off the middle of a chord: the lever rule."""
     stiffness, off, beside, errors = 2e4, 1e-3, 1.5e-3, {}
     contacts = Contacts(every=10)
@@ -50,7 +50,7 @@ def _lies(stand: Stand) -> Mapping[str, float]:
         q = towards(np.array([1.0, 0.0, tilt]) / math.hypot(1, tilt))
         # a little too high: it has to come to rest
         start = rods_at([[shift, beside, height + 0.1 * (R - height)]], [q])
-        rows = stand.run(MemberStart(scene, 2e-6, start), 10, 1000, [contacts]).rows(contacts)
+        rows = platform.run(MemberStart(scene, 2e-6, start), 10, 1000, [contacts]).rows(contacts)
         # where its ends carry a rod, it is as far from the rim as a radius: rounding decides whether it touches
         force = np.linalg.norm([rows[name] for name in ("fx", "fy", "fz")], axis=0)
         fz, bx = (rows[name][force > 1e-6 * ROD.mass * G] for name in ("fz", "bx"))
@@ -95,24 +95,24 @@ def rocking(x, axis, stiffness: float, times: np.ndarray) -> np.ndarray:
     return np.column_stack([y[:, :3], y[:, 6:9]])
 
 
-def _rocks(stand: Stand) -> Mapping[str, float]:
+def _rocks(platform: Platform) -> Mapping[str, float]:
     tilt, beside, stiffness = 0.15, 1.5e-3, 2e3
     at = math.sqrt(RIM**2 - beside**2)
     axis = np.array([math.cos(tilt), 0.0, math.sin(tilt)])
     x = np.array([0.0, beside, R / math.cos(tilt) + at * math.tan(tilt)])  # the lower end is just off the rim
     scene = rods(1, Primitives(parts=(wall("tube"),)), G, normal_stiffness=stiffness, restitution=1.0)
-    motion = stand.run(MemberStart(scene, 1e-6, rods_at([x], [towards(axis)])), 40, 500, [MOTION])
-    expected = rocking(x, axis, stiffness, motion.times(MOTION))
+    trajectory = platform.run(MemberStart(scene, 1e-6, rods_at([x], [towards(axis)])), 40, 500, [MOTION])
+    expected = rocking(x, axis, stiffness, trajectory.times(MOTION))
     require(float(np.ptp(np.sign(expected[:, 5]))) == 2, "the rod has not rocked to the other side")
-    q = motion.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
-    positions = motion.by_beat(MOTION, ("x", "y", "z"))[:, 0]
+    q = trajectory.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
+    positions = trajectory.by_beat(MOTION, ("x", "y", "z"))[:, 0]
     return {
         "position": float(np.abs(positions - expected[:, :3]).max()) / R,
         "axis": float(np.abs(axes(q) - expected[:, 3:]).max()),
     }
 
 
-def _rides(stand: Stand) -> Mapping[str, float]:
+def _rides(platform: Platform) -> Mapping[str, float]:
     """A rod across the middle of a turning tube's open end, 1 mm off along itself: it cannot roll outwards."""
     spin, off, stiffness = 5.0, 1e-3, 2e4
     scene = rods(1, Primitives(parts=(wall("tube", spin),)), G, friction=0.8, restitution=0.5)
@@ -121,11 +121,11 @@ def _rides(stand: Stand) -> Mapping[str, float]:
         [[off, 0.0, height]], [towards(np.array([1.0, 0.0, tilt]) / math.hypot(1, tilt))],
         [[0, spin * off, 0]], [[0, 0, spin]],
     )  # fmt: skip
-    motion = stand.run(MemberStart(scene, 2e-6, start), 100, 2000, [MOTION])
-    angle = spin * motion.times(MOTION)
+    trajectory = platform.run(MemberStart(scene, 2e-6, start), 100, 2000, [MOTION])
+    angle = spin * trajectory.times(MOTION)
     heading = np.column_stack([np.cos(angle), np.sin(angle)])
-    q = motion.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
-    p = motion.by_beat(MOTION, ("x", "y"))[:, 0]
+    q = trajectory.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
+    p = trajectory.by_beat(MOTION, ("x", "y"))[:, 0]
     return {
         "position": float(np.abs(p - off * heading).max()) / off,
         "heading": float(np.abs(axes(q)[:, :2] - heading).max()),
@@ -136,7 +136,7 @@ FRICTION, SPEED = 0.2, 0.01
 """Of the turning rim; of the impact on it [m/s]."""
 
 
-def _strikes(stand: Stand) -> Mapping[str, float]:
+def _strikes(platform: Platform) -> Mapping[str, float]:
     """Grains fly straight at a rim that turns 10 times faster than they come: it slips under them all the time.
 
     The impulse along the normal is then 2 m v at e = 1, that of friction mu times it along the motion of the rim, and
@@ -158,12 +158,12 @@ def _strikes(stand: Stand) -> Mapping[str, float]:
             x = foot + n * (R + reach + 1e-9)
             start = grains_at(x, -speed * n) if name == "sphere" else rods_at([x], [towards(n)], [-speed * n])
             scene = Scene(grains=grains, contact=contact, container=container, gravity=0.0)
-            motion = stand.run(MemberStart(scene, 2e-7, start), 1, 5000)
+            trajectory = platform.run(MemberStart(scene, 2e-7, start), 1, 5000)
             v = speed * (n + 2 * FRICTION * azimuth)
             spin = np.cross(-(R + reach) * n, 2 * FRICTION * speed * azimuth) * grains.mass / grains.inertia
             label = f"{name} at {tilt:g} rad"
-            errors[f"velocity, {label}"] = float(np.linalg.norm(motion.end.v[0] - v)) / speed
-            errors[f"spin, {label}"] = float(np.linalg.norm(motion.end.omega[0] - spin) / np.linalg.norm(spin))
+            errors[f"velocity, {label}"] = float(np.linalg.norm(trajectory.end.v[0] - v)) / speed
+            errors[f"spin, {label}"] = float(np.linalg.norm(trajectory.end.omega[0] - spin) / np.linalg.norm(spin))
     return errors
 
 

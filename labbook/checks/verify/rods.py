@@ -9,7 +9,7 @@ import numpy as np
 from labbook.backend.probes import Ledger, Sample
 from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.materials import G, floor
-from labbook.checks.verify.stand import MemberStart, Stand, require
+from labbook.checks.verify.platform import MemberStart, Platform, require
 from labbook.filling.placing import place
 from labbook.scene import (
     CylinderSilo,
@@ -54,17 +54,19 @@ def rods_at(x, q, v=None, omega=None) -> Packing:
     )  # fmt: skip
 
 
-def _free(stand: Stand) -> Mapping[str, float]:
+def _free(platform: Platform) -> Mapping[str, float]:
     """100 000 steps; the axis of a free symmetric top goes round its angular momentum at L/I_t."""
     a, omega = np.array([0.6, 0.0, 0.8]), np.array([10.0, 30.0, 50.0])
     momentum = ROD.inertia * omega + (ROD.inertia_axis - ROD.inertia) * (a @ omega) * a
     scene, probes = rods(1, Primitives()), (MOTION, Ledger())
-    motion = stand.run(MemberStart(scene, 1e-5, rods_at([[0, 0, 0]], [towards(a)], omega=[omega])), 20, 5000, probes)
+    trajectory = platform.run(
+        MemberStart(scene, 1e-5, rods_at([[0, 0, 0]], [towards(a)], omega=[omega])), 20, 5000, probes
+    )
     rate, along = np.linalg.norm(momentum) / ROD.inertia, momentum / np.linalg.norm(momentum)
-    q = motion.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
-    angle = rate * motion.times(MOTION)[:, None]
+    q = trajectory.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
+    angle = rate * trajectory.times(MOTION)[:, None]
     expected = a * np.cos(angle) + np.cross(along, a) * np.sin(angle) + along * (along @ a) * (1 - np.cos(angle))
-    table = motion.rows(probes[1])
+    table = trajectory.rows(probes[1])
     energy = 0.5 * omega @ momentum
     drift = np.array([table[name] for name in ("lx", "ly", "lz")]).T - momentum
     return {
@@ -74,30 +76,30 @@ def _free(stand: Stand) -> Mapping[str, float]:
     }
 
 
-def _impact(stand: Stand) -> Mapping[str, float]:
+def _impact(platform: Platform) -> Mapping[str, float]:
     """Two rods that cross and meet off both their centres, while they turn: no friction, e = 1."""
     v, n = 1e-3, np.array([0.0, 0.0, 1.0])
     a = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0]])
-    arms = np.array([5e-3, -3e-3])[:, None] * a
+    lever_arms = np.array([5e-3, -3e-3])[:, None] * a
     q = [towards(axis) for axis in a]
     omega = np.array([[0.02, 0.03, 0.05], [-0.01, 0.02, 0.0]])
     speed = np.array([[2e-4, 0.0, -v], [0.0, 1e-4, 0.0]])
     gap = 2e-9
-    x = np.array([arms[1] - arms[0] + (2 * R + gap) * n, [0.0, 0.0, 0.0]])
+    x = np.array([lever_arms[1] - lever_arms[0] + (2 * R + gap) * n, [0.0, 0.0, 0.0]])
     scene = rods(2, Primitives(), normal_stiffness=2e5)
-    motion = stand.run(MemberStart(scene, 2e-7, rods_at(x, q, speed, omega)), 1, 2000)
+    trajectory = platform.run(MemberStart(scene, 2e-7, rods_at(x, q, speed, omega)), 1, 2000)
 
     tensors = [ROD.inertia * np.eye(3) + (ROD.inertia_axis - ROD.inertia) * np.outer(axis, axis) for axis in a]
-    lever = np.cross(arms, n)
+    lever = np.cross(lever_arms, n)
     closing = float(n @ (speed[0] - speed[1]) + lever[0] @ omega[0] - lever[1] @ omega[1])
     reduced = 1 / sum(1 / ROD.mass + r @ np.linalg.solve(i, r) for r, i in zip(lever, tensors, strict=True))
     impulse = -2 * reduced * closing * np.array([[1.0], [-1.0]])
     spun = np.array([np.linalg.solve(i, r) for r, i in zip(lever, tensors, strict=True)]) * impulse
-    after = axes(np.asarray(motion.end.q))
+    after = axes(np.asarray(trajectory.end.q))
     require(float(np.abs(after - a).max()) < 1e-3, "the rods have turned")
     return {
-        "velocities": float(np.abs(motion.end.v - speed - impulse / ROD.mass * n).max()) / v,
-        "spins": float(np.abs(motion.end.omega - omega - spun).max() * HALF) / v,
+        "velocities": float(np.abs(trajectory.end.v - speed - impulse / ROD.mass * n).max()) / v,
+        "spins": float(np.abs(trajectory.end.omega - omega - spun).max() * HALF) / v,
     }
 
 
@@ -130,7 +132,7 @@ def landed(angle: float, stiffness: float, speed: float) -> tuple[float, float]:
     return float(end.y[2, -1]), float(end.y[3, -1])
 
 
-def _lands(stand: Stand) -> Mapping[str, float]:
+def _lands(platform: Platform) -> Mapping[str, float]:
     errors = {}
     scene = rods(1, Primitives(parts=(floor(),)), restitution=RESTITUTION, damping="textbook")
     starts = []
@@ -138,13 +140,13 @@ def _lands(stand: Stand) -> Mapping[str, float]:
         a = [math.cos(angle), 0.0, math.sin(angle)]
         height = R + HALF * math.sin(angle) + 1e-6
         starts.append(MemberStart(scene, 1e-7, rods_at([[0, 0, height]], [towards(a)], [[0, 0, -SPEED]])))
-    motions = stand.run_all(starts, 20, 10_000)
-    for angle, motion in zip(ANGLES, motions, strict=True):
+    trajectories = platform.run_all(starts, 20, 10_000)
+    for angle, trajectory in zip(ANGLES, trajectories, strict=True):
         vz, spin = landed(angle, 2e4, SPEED)
         # about -y, a rod along x with its end at +x lifted turns upwards
-        measured = float(motion.end.v[0, 2]), -float(motion.end.omega[0, 1])
+        measured = float(trajectory.end.v[0, 2]), -float(trajectory.end.omega[0, 1])
         errors[f"at {angle:g} rad"] = max(abs(measured[0] - vz), abs(measured[1] - spin) * HALF) / SPEED
-    errors["kept when flat"] = float(motions[0].end.v[0, 2]) / SPEED
+    errors["kept when flat"] = float(trajectories[0].end.v[0, 2]) / SPEED
     return errors
 
 
@@ -171,7 +173,7 @@ def tipping(speed: float, times: np.ndarray) -> np.ndarray:
     return solve_ivp(slope, (0, times[-1]), [0, 0, -speed, 0], t_eval=times, rtol=1e-10, atol=1e-13).y.T
 
 
-def _slides_off(stand: Stand) -> Mapping[str, float]:
+def _slides_off(platform: Platform) -> Mapping[str, float]:
     """A rod that lies on a plate with its centre above the rim of a round hole, moving towards the middle."""
     speed, stiffness, dt = 0.1, 2e5, 5e-7
     plate = Wall(name="plate", shape=Frustum(lower=(RIM, 0), upper=(0.2, 0)))
@@ -180,10 +182,10 @@ def _slides_off(stand: Stand) -> Mapping[str, float]:
     overlap = ROD.mass * G / stiffness  # all of the weight is on the rim: the end on the plate just does not touch
     along = inwards - [0, 0, overlap / HALF]
     start = rods_at([-RIM * inwards + [0, 0, R - overlap]], [towards(along)], [speed * inwards])
-    motion = stand.run(MemberStart(scene, dt, start), 60, 2000, [MOTION])
-    times = motion.times(MOTION)
-    x = motion.by_beat(MOTION, ("x", "y", "z"))[:, 0]
-    q = motion.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
+    trajectory = platform.run(MemberStart(scene, dt, start), 60, 2000, [MOTION])
+    times = trajectory.times(MOTION)
+    x = trajectory.by_beat(MOTION, ("x", "y", "z"))[:, 0]
+    q = trajectory.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
     measured = np.column_stack([x @ inwards + RIM, x[:, 2]])
     u, t, _, _ = tipping(speed, times).T
     require(float(u.min()) > -HALF, "the rod has slipped off")
@@ -195,18 +197,18 @@ def _slides_off(stand: Stand) -> Mapping[str, float]:
     }
 
 
-def _rides(stand: Stand) -> Mapping[str, float]:
+def _rides(platform: Platform) -> Mapping[str, float]:
     """A rod that lies on a turntable, at rest on it and along a radius, goes round with it: it cannot roll outwards."""
     spin, at = 5.0, np.array([0.05, 0.0])
     disc = Wall(name="disc", shape=Frustum(lower=(0, 0), upper=(0.2, 0)), motion=SurfaceMotion(spin=spin))
     scene = rods(1, Primitives(parts=(disc,)), G, friction=0.8, restitution=0.5)
     height = R - ROD.mass * G / (2 * 2e4)
     start = rods_at([[*at, height]], [towards([1.0, 0.0, 0.0])], [[0, spin * at[0], 0]], [[0, 0, spin]])
-    motion = stand.run(MemberStart(scene, 2e-6, start), 100, 2000, [MOTION])
-    p = motion.by_beat(MOTION, ("x", "y"))[:, 0]
-    angle = spin * motion.times(MOTION)
+    trajectory = platform.run(MemberStart(scene, 2e-6, start), 100, 2000, [MOTION])
+    p = trajectory.by_beat(MOTION, ("x", "y"))[:, 0]
+    angle = spin * trajectory.times(MOTION)
     expected = np.column_stack([at[0] * np.cos(angle), at[0] * np.sin(angle)])
-    a = axes(motion.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0])
+    a = axes(trajectory.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0])
     heading = np.unwrap(2 * np.arctan2(a[:, 1], a[:, 0])) / 2
     return {
         "position": float(np.abs(p - expected).max()) / at[0],
@@ -214,7 +216,7 @@ def _rides(stand: Stand) -> Mapping[str, float]:
     }
 
 
-def _spheres_too(stand: Stand) -> Mapping[str, float]:
+def _spheres_too(platform: Platform) -> Mapping[str, float]:
     """Drop rods of L = d and spheres into a silo, for a time in which round-off has not grown yet."""
     d, law = 6e-3, LinearSpringDashpot(normal_stiffness=200, friction=0.5, rolling_friction=0.01, restitution=0.5)
     ends = []
@@ -227,7 +229,7 @@ def _spheres_too(stand: Stand) -> Mapping[str, float]:
         start = place(bed.model_copy(update={"grains": Spheres(diameter=d, density=620, count=60)}), "gas", 1)
         if grains.shape == "spherocylinder":
             start = replace(start, q=np.tile([1.0, 0, 0, 0], (60, 1)))
-        ends.append(stand.run(MemberStart(bed, 1e-5, start), 1, 5000).end)
+        ends.append(platform.run(MemberStart(bed, 1e-5, start), 1, 5000).end)
     touched = len(ends[0].wall_grain) + len(ends[0].pairs)
     require(touched > 10, "the grains have not met")
     return {

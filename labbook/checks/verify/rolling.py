@@ -13,7 +13,7 @@ import numpy as np
 from labbook.backend.probes import Sample
 from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.materials import LAWS, D, G, floor, scene
-from labbook.checks.verify.stand import MemberStart, Stand, grains_at
+from labbook.checks.verify.platform import MemberStart, Platform, grains_at
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Primitives, Scene, SurfaceChange
 from labbook.scene.packing import Packing
 
@@ -50,17 +50,17 @@ def resting_on(scene: Scene, angle: float = 0.0, speed: float = 0.0) -> Packing:
     return grains_at(normal * lever(scene, angle), [speed * math.cos(angle), 0.0, -speed * math.sin(angle)])
 
 
-def follow(stand: Stand, scene: Scene, start: Packing, angle: float, time: float, dt: float = DT):
+def follow(platform: Platform, scene: Scene, start: Packing, angle: float, time: float, dt: float = DT):
     """Times [s], speeds [m/s] downwards, spins [rad/s] about y of one grain."""
     beats = round(time / dt / STEPS)
-    motion = stand.run(MemberStart(scene, dt, start), beats, STEPS, [MOTION])
-    vx, vz, wy = np.moveaxis(motion.by_beat(MOTION, ("vx", "vz", "wy"))[:, 0], -1, 0)
-    return motion.times(MOTION), vx * math.cos(angle) - vz * math.sin(angle), wy
+    trajectory = platform.run(MemberStart(scene, dt, start), beats, STEPS, [MOTION])
+    vx, vz, wy = np.moveaxis(trajectory.by_beat(MOTION, ("vx", "vz", "wy"))[:, 0], -1, 0)
+    return trajectory.times(MOTION), vx * math.cos(angle) - vz * math.sin(angle), wy
 
 
-def accelerations(stand: Stand, scene: Scene, angle: float) -> tuple[float, float]:
+def accelerations(platform: Platform, scene: Scene, angle: float) -> tuple[float, float]:
     """Of the centre downwards [m/s^2] and of the spin [rad/s^2], over the second half of 0.1 s from rest."""
-    time, speed, spin = follow(stand, scene, resting_on(scene, angle), angle, 0.1)
+    time, speed, spin = follow(platform, scene, resting_on(scene, angle), angle, 0.1)
     half = len(time) // 2
     span = time[-1] - time[half]
     return (speed[-1] - speed[half]) / span, (spin[-1] - spin[half]) / span
@@ -68,17 +68,17 @@ def accelerations(stand: Stand, scene: Scene, angle: float) -> tuple[float, floa
 
 def rolling_down(scene: Scene, angle: float, rolling: float) -> float:
     """Acceleration [m/s^2] of a sphere that rolls down a slope against rolling friction `rolling`."""
-    arm = lever(scene, angle) / R
-    return G * (math.sin(angle) - rolling * math.cos(angle) / arm) / (1 + 0.4 / arm**2)
+    lever_arm = lever(scene, angle) / R
+    return G * (math.sin(angle) - rolling * math.cos(angle) / lever_arm) / (1 + 0.4 / lever_arm**2)
 
 
-def _rolls_down(stand: Stand) -> Mapping[str, float]:
+def _rolls_down(platform: Platform) -> Mapping[str, float]:
     exact, textbook = [], []
     for law in LAWS:
         for degrees, rolling in ((5.0, 0.0), (10.0, 0.01), (20.0, 0.1)):
             angle = math.radians(degrees)
             rolls = slope(law, angle, 0.5, rolling)
-            measured, _ = accelerations(stand, rolls, angle)
+            measured, _ = accelerations(platform, rolls, angle)
             exact.append(measured / rolling_down(rolls, angle, rolling) - 1)
             textbook.append(measured / (5 / 7 * G * (math.sin(angle) - rolling * math.cos(angle))) - 1)
     return {
@@ -90,19 +90,19 @@ def _rolls_down(stand: Stand) -> Mapping[str, float]:
 ROLLING = 0.1
 
 
-def _rests(stand: Stand) -> Mapping[str, float]:
+def _rests(platform: Platform) -> Mapping[str, float]:
     """Below the threshold the limiter, at most I/(12 dt) times the spin, lets a grain creep: I/(12 dt) w = m g sin t l,
     hence v = w l = 30 g sin t dt l^2/R^2. Rolling springs hold it (`rolling-spring-rests`)."""
     angle = math.atan(0.9 * ROLLING)
-    rests = slope("hertz-mindlin", angle, 0.5, ROLLING)
-    expected = 30 * G * math.sin(angle) * DT * (lever(rests, angle) / R) ** 2
+    incline = slope("hertz-mindlin", angle, 0.5, ROLLING)
+    expected = 30 * G * math.sin(angle) * DT * (lever(incline, angle) / R) ** 2
     creeps = []
     for dt in (DT, DT / 2):
-        _, speed, _ = follow(stand, rests, resting_on(rests, angle), angle, 0.05, dt)
+        _, speed, _ = follow(platform, incline, resting_on(incline, angle), angle, 0.05, dt)
         creeps.append(speed[-1])
     above = math.atan(1.01 * ROLLING)
     rolls = slope("hertz-mindlin", above, 0.5, ROLLING)
-    a, _ = accelerations(stand, rolls, above)
+    a, _ = accelerations(platform, rolls, above)
     return {
         "creep/(30 g sin t dt) - 1": abs(creeps[0] / expected - 1),
         "creep at dt/2, over half of it - 1": abs(2 * creeps[1] / creeps[0] - 1),
@@ -111,14 +111,14 @@ def _rests(stand: Stand) -> Mapping[str, float]:
     }
 
 
-def _comes_to_roll(stand: Stand) -> Mapping[str, float]:
+def _comes_to_roll(platform: Platform) -> Mapping[str, float]:
     exact, textbook, speed = [], [], 0.5
     for law in LAWS:
         flat = slope(law, 0.0, 0.3, 0.0)
-        _, v, spin = follow(stand, flat, resting_on(flat, speed=speed), 0.0, 0.1)
-        arm = lever(flat)
-        exact.append(v[-1] / speed * (1 + 0.4 * (R / arm) ** 2) - 1)
-        exact.append(spin[-1] * arm / v[-1] - 1)
+        _, v, spin = follow(platform, flat, resting_on(flat, speed=speed), 0.0, 0.1)
+        lever_arm = lever(flat)
+        exact.append(v[-1] / speed * (1 + 0.4 * (R / lever_arm) ** 2) - 1)
+        exact.append(spin[-1] * lever_arm / v[-1] - 1)
         textbook.append(v[-1] / speed - 5 / 7)
     return {
         "relative error of v and of rolling": float(np.abs(exact).max()),
@@ -129,7 +129,7 @@ def _comes_to_roll(stand: Stand) -> Mapping[str, float]:
 MU = 0.2
 
 
-def _slips(stand: Stand) -> Mapping[str, float]:
+def _slips(platform: Platform) -> Mapping[str, float]:
     """Acceleration of the contact point: none below the threshold, (sin t - 3.5 mu cos t) g above."""
     errors = {}
     for law in LAWS:
@@ -137,10 +137,10 @@ def _slips(stand: Stand) -> Mapping[str, float]:
             tan = 3.5 * MU * factor
             angle = math.atan(tan)
             slides = slope(law, angle, MU, 0.0)
-            a, turn = accelerations(stand, slides, angle)
-            arm = lever(slides, angle)
-            slip = (a - turn * arm) / G
-            shear = MU * math.cos(angle) * (1 + 2.5 * (arm / R) ** 2)  # 3.5 mu cos t, but for the lever
+            a, turn = accelerations(platform, slides, angle)
+            lever_arm = lever(slides, angle)
+            slip = (a - turn * lever_arm) / G
+            shear = MU * math.cos(angle) * (1 + 2.5 * (lever_arm / R) ** 2)  # 3.5 mu cos t, but for the lever
             expected = max(math.sin(angle) - shear, 0.0)
             key = f"{law}, {'below' if factor < 1 else 'above'}"
             errors[key] = abs(slip - expected)

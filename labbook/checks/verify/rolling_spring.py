@@ -9,6 +9,7 @@ import numpy as np
 from labbook.backend.probes import Sample
 from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.materials import LAWS, D, G, floor, linear, scene
+from labbook.checks.verify.platform import MemberStart, Platform, grains_at, require
 from labbook.checks.verify.rolling import (
     DT,
     MOTION,
@@ -19,7 +20,6 @@ from labbook.checks.verify.rolling import (
     slope,
     static_overlap,
 )
-from labbook.checks.verify.stand import MemberStart, Stand, grains_at, require
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, SurfaceChange, Wall
 from labbook.scene.packing import Packing
 
@@ -92,7 +92,7 @@ def begins_to_roll(here: Scene, rolling: float, spin: float, dt: float) -> Packi
     )
 
 
-def _oscillates(stand: Stand) -> Mapping[str, float]:
+def _oscillates(platform: Platform) -> Mapping[str, float]:
     errors, periods, ratios = {}, [], []
     for law in LAWS:
         for damping in (0.0, DAMPED):
@@ -102,8 +102,8 @@ def _oscillates(stand: Stand) -> Mapping[str, float]:
             spin = 0.5 * limit / stiffness(here, WEAK) * frequency  # half of what mobilises the spring
             beats = round(3 * 2 * math.pi / frequency / DT / STEPS)
             begun = begins_to_roll(here, WEAK, spin, DT)
-            motion = stand.run(MemberStart(here, DT, begun), beats, STEPS, [MOTION])
-            times, spins = motion.times(MOTION), motion.by_beat(MOTION, ("wy",))[:, 0, 0]
+            trajectory = platform.run(MemberStart(here, DT, begun), beats, STEPS, [MOTION])
+            times, spins = trajectory.times(MOTION), trajectory.by_beat(MOTION, ("wy",))[:, 0, 0]
             if law == "linear":
                 exact = oscillation(here, WEAK, damping, spin, times)
                 errors[f"spin, eta = {damping:g}"] = float(np.abs(spins - exact).max()) / spin
@@ -122,30 +122,30 @@ def _oscillates(stand: Stand) -> Mapping[str, float]:
     }
 
 
-def _slows_down(stand: Stand) -> Mapping[str, float]:
+def _slows_down(platform: Platform) -> Mapping[str, float]:
     errors = {}
     for law in LAWS:
         here, speed = sprung(law, 0.0, STRONG), 0.1
         begun = begins_to_roll(here, STRONG, speed / lever(here), DT)
-        motion = stand.run(MemberStart(here, DT, begun), round(0.1 / DT / STEPS), STEPS, [MOTION])
-        times, speeds = motion.times(MOTION), motion.by_beat(MOTION, ("vx",))[:, 0, 0]
+        trajectory = platform.run(MemberStart(here, DT, begun), round(0.1 / DT / STEPS), STEPS, [MOTION])
+        times, speeds = trajectory.times(MOTION), trajectory.by_beat(MOTION, ("vx",))[:, 0, 0]
         half = len(times) // 2
         slowing = (speeds[-1] - speeds[half]) / (times[-1] - times[half])
         errors[law] = abs(slowing / rolling_down(here, 0.0, STRONG) - 1)
     return errors
 
 
-def _rests(stand: Stand) -> Mapping[str, float]:
+def _rests(platform: Platform) -> Mapping[str, float]:
     errors = {}
     for law in LAWS:
         angle = math.atan(0.99 * STRONG)
         below, above = sprung(law, angle, STRONG), sprung(law, math.atan(1.01 * STRONG), STRONG)
         normal = np.array([math.sin(angle), 0.0, math.cos(angle)])
-        place = Sample(fields=("x",), every=MILLION // STEPS // 10)
+        sample = Sample(fields=("x",), every=MILLION // STEPS // 10)
         start = MemberStart(below, DT, grains_at(normal * lever(below, angle)))
-        x = stand.run(start, MILLION // STEPS, STEPS, [place]).by_beat(place, "xyz")[:, 0]
+        x = platform.run(start, MILLION // STEPS, STEPS, [sample]).by_beat(sample, "xyz")[:, 0]
         errors[f"{law}: moved in the last 900 000 steps"] = float(np.abs(x[-1] - x[0]).max()) / D
-        a, _ = accelerations(stand, above, math.atan(1.01 * STRONG))
+        a, _ = accelerations(platform, above, math.atan(1.01 * STRONG))
         errors[f"{law}, 1 % above: a"] = abs(a / rolling_down(above, math.atan(1.01 * STRONG), STRONG) - 1)
     return errors
 
@@ -172,20 +172,22 @@ def pyramid(rolling: float, model: str) -> tuple[Scene, Packing]:
     return bed, grains_at(x)
 
 
-def _holds(stand: Stand) -> Mapping[str, float]:
+def _holds(platform: Platform) -> Mapping[str, float]:
     """Compare heights of the top sphere above the centres of the other two: zero when it has come down."""
-    place = Sample(fields=("x",), every=MILLION // 1000 // 10)
-    places = {}
+    sample = Sample(fields=("x",), every=MILLION // 1000 // 10)
+    positions = {}
     for model, factor, steps in (("epsd", 1.02, MILLION), ("epsd", 0.98, MILLION // 5), ("cdt", 1.02, MILLION)):
         resting, start = pyramid(factor * THRESHOLD, model)
-        motion = stand.run(MemberStart(resting, DT, start), steps // 1000, 1000, [place])
-        places[model, factor] = motion.by_beat(place, "xyz") / D
-    resting, low = places["epsd", 1.02], places["epsd", 0.98]
+        trajectory = platform.run(MemberStart(resting, DT, start), steps // 1000, 1000, [sample])
+        positions[model, factor] = trajectory.by_beat(sample, "xyz") / D
+    resting, low = positions["epsd", 1.02], positions["epsd", 0.98]
     return {
         "2 % above: moved in the last 900 000 steps": float(np.abs(resting[-1] - resting[0]).max()),
         "2 % above: sunk": math.sqrt(3) / 2 - float(resting[-1, 2, 2] - resting[-1, :2, 2].mean()),
         "2 % below: height left": float(low[-1, 2, 2] - low[-1, :2, 2].mean()),
-        "2 % above, cdt: height left": float(places["cdt", 1.02][-1, 2, 2] - places["cdt", 1.02][-1, :2, 2].mean()),
+        "2 % above, cdt: height left": float(
+            positions["cdt", 1.02][-1, 2, 2] - positions["cdt", 1.02][-1, :2, 2].mean()
+        ),
     }
 
 

@@ -9,7 +9,7 @@ from labbook.backend.probes import Sample
 from labbook.checks.verify.bed import at_rest, borne, in_each
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, linear, scene, spheres
-from labbook.checks.verify.stand import MemberStart, Stand, grains_at
+from labbook.checks.verify.platform import MemberStart, Platform, grains_at
 from labbook.scene import (
     ConicalSilo,
     CylinderSilo,
@@ -31,7 +31,7 @@ MOTION = Sample(fields=("x", "v"))
 SOFT = {"normal_stiffness": 200.0, "restitution": 0.3}
 
 
-def _rolls_round(stand: Stand) -> Mapping[str, float]:
+def _rolls_round(platform: Platform) -> Mapping[str, float]:
     """Rolling round a vertical cylinder, a sphere does not fall: it swings up and down.
 
     z'' = -(2/7) W^2 z - (5/7) g with W = V/(Rc - R), for a sphere that at z = 0 has no spin across the wall (Neimark &
@@ -43,11 +43,11 @@ def _rolls_round(stand: Stand) -> Mapping[str, float]:
     rolls = scene(1, law, Primitives(parts=(wall,)), G, side=rough)
     mass = rolls.grains.mass
     overlap = mass * SPEED**2 / (BORE - R) / law.normal_stiffness
-    circle, arm = BORE - R + overlap, R - overlap
-    start = grains_at([circle, 0, 0], [0, SPEED, 0], [0, 0, -SPEED / arm])
-    motion = stand.run(MemberStart(rolls, 1e-6, start), BEATS, STEPS, [MOTION])
-    p, times = motion.by_beat(MOTION, ("x", "y", "z"))[:, 0], motion.times(MOTION)
-    inertia = 0.4 * R**2 / (0.4 * R**2 + arm**2)
+    circle, lever_arm = BORE - R + overlap, R - overlap
+    start = grains_at([circle, 0, 0], [0, SPEED, 0], [0, 0, -SPEED / lever_arm])
+    trajectory = platform.run(MemberStart(rolls, 1e-6, start), BEATS, STEPS, [MOTION])
+    p, times = trajectory.by_beat(MOTION, ("x", "y", "z"))[:, 0], trajectory.times(MOTION)
+    inertia = 0.4 * R**2 / (0.4 * R**2 + lever_arm**2)
     rate = SPEED / circle
     swing = (1 - inertia) * G / (inertia * rate**2)
     expected = -swing * (1 - np.cos(math.sqrt(inertia) * rate * times))
@@ -61,7 +61,7 @@ def _scene(grains: Grains, container) -> Scene:
     return Scene(grains=grains, contact=linear(**SOFT), container=container, gravity=G).close()
 
 
-def _carries(stand: Stand) -> Mapping[str, float]:
+def _carries(platform: Platform) -> Mapping[str, float]:
     rods = Spherocylinders(diameter=2 * D, length=6 * D, density=620, count=60)
     beds = {
         "spheres in a cylinder": _scene(spheres(200), CylinderSilo(diameter=8 * D, height=60 * D, orifice=4 * D)),
@@ -73,7 +73,7 @@ def _carries(stand: Stand) -> Mapping[str, float]:
             rods, ConicalSilo(diameter=16 * D, height=90 * D, angle=math.radians(35), orifice=8 * D)
         ),
     }
-    return in_each({name: borne(stand, bed, 1e-5, 300) for name, bed in beds.items()})
+    return in_each({name: borne(platform, bed, 1e-5, 300) for name, bed in beds.items()})
 
 
 CASES = [

@@ -12,7 +12,7 @@ from rich.table import Table
 from labbook.backend import BackendMissing, Unsupported, load
 from labbook.checks.verify.case import Case, CriterionResult, failed, judge
 from labbook.checks.verify.cases import EVERY
-from labbook.checks.verify.stand import Stand
+from labbook.checks.verify.platform import Platform
 from labbook.plugins import ExtensionError
 
 COLOURS = {"passed": "green", "failed": "bold red", "reported": "dim", "unsupported": "dim"}
@@ -39,7 +39,7 @@ def run_cases(
 ) -> bool:
     """Run cases and print their verdicts; a backend that cannot run them ends the program. Returns False on failure."""
     try:
-        verdicts = judge_all(cases, Stand(load(backend), precision, device))
+        verdicts = judge_all(cases, Platform(load(backend), precision, device))
     except (BackendMissing, Unsupported) as error:
         typer.echo(f"labbook verify: {error}", err=True)
         raise typer.Exit(2) from None
@@ -55,8 +55,8 @@ def run_cases(
     return all(v.result != "failed" for v in verdicts)
 
 
-def judge_all(cases: Sequence[Case], stand: Stand) -> list[CriterionResult]:
-    """Judge cases on a stand, with a progress bar; a case of another package whose code fails is failed."""
+def judge_all(cases: Sequence[Case], platform: Platform) -> list[CriterionResult]:
+    """Judge cases on a platform, with a progress bar; a case of another package whose code fails is failed."""
     verdicts: list[CriterionResult] = []
     with Progress(*Progress.get_default_columns(), TimeElapsedColumn(), console=Console(stderr=True)) as bar:
         task = bar.add_task("", total=len(cases))
@@ -64,9 +64,9 @@ def judge_all(cases: Sequence[Case], stand: Stand) -> list[CriterionResult]:
             bar.update(task, description=case.name)
             try:
                 with EVERY.calling(case.name, Unsupported):
-                    verdicts += judge(case, stand)
+                    verdicts += judge(case, platform)
             except ExtensionError as error:
-                verdicts += failed(case, stand, str(error))
+                verdicts += failed(case, platform, str(error))
             bar.advance(task)
     return verdicts
 

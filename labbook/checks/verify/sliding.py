@@ -26,7 +26,7 @@ import numpy as np
 from labbook.backend.probes import Sample
 from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.materials import EVERY_LAW, D, floor, scene, spheres
-from labbook.checks.verify.stand import MemberStart, Stand, grains_at, require
+from labbook.checks.verify.platform import MemberStart, Platform, grains_at, require
 from labbook.scene import Primitives
 
 RESTITUTIONS = (0.2, 0.5, 0.9, 1.0)
@@ -41,7 +41,7 @@ PULLS = ("hertz-liggghts", "hertz-lammps")
 """Laws that limit friction by the size of a normal force that may pull."""
 
 
-def _impulses(stand: Stand, law: str, e: float) -> tuple[float, float, float]:
+def _impulses(platform: Platform, law: str, e: float) -> tuple[float, float, float]:
     """J_t, J_n and int |F_n| dt over the mass [m/s]."""
     material = EVERY_LAW[law](friction=MU, restitution=e, rolling_friction=0.0)
     grain = spheres(1)
@@ -49,18 +49,20 @@ def _impulses(stand: Stand, law: str, e: float) -> tuple[float, float, float]:
     start = grains_at([0.0, 0.0, D / 2 + AHEAD * SPEED * dt], [0.0, 0.0, -SPEED], [0.0, SPIN, 0.0])
     probe = Sample(fields=("v", "omega"))
     beats = 3 * STEPS  # a contact that pulls lasts longer than an elastic one
-    motion = stand.run(MemberStart(scene(1, material, Primitives(parts=(floor(),))), dt, start), beats, 1, [probe])
-    along, normal, spin = motion.by_beat(probe, ("vx", "vz", "wy"))[:, 0].T
+    trajectory = platform.run(
+        MemberStart(scene(1, material, Primitives(parts=(floor(),))), dt, start), beats, 1, [probe]
+    )
+    along, normal, spin = trajectory.by_beat(probe, ("vx", "vz", "wy"))[:, 0].T
     require(bool(normal[-1] > 0) and normal[-1] == normal[-2], "the impact is not over")
     require(bool(spin[-1] * D / 2 > along[-1]), "the contact has come to stick")
     normal = np.concatenate([[-SPEED], normal])
     return float(along[-1]), float(normal[-1] + SPEED), float(np.abs(np.diff(normal)).sum())
 
 
-def _errors(stand: Stand, law: str) -> Mapping[str, float]:
+def _errors(platform: Platform, law: str) -> Mapping[str, float]:
     errors = dict[str, float]()
     for e in RESTITUTIONS:
-        tangential, normal, travelled = _impulses(stand, law, e)
+        tangential, normal, travelled = _impulses(platform, law, e)
         excess = tangential / (MU * (travelled if law in PULLS else normal)) - 1
         errors[_name(law, e)] = max(excess, 0.0) if _bounds(law, e) else abs(excess)
         if law in PULLS:

@@ -8,7 +8,7 @@ import numpy as np
 from labbook.backend.probes import Crossing
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, hertz, scene, spheres
-from labbook.checks.verify.stand import MemberStart, Motion, Stand, require
+from labbook.checks.verify.platform import MemberStart, Platform, Trajectory, require
 from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import Primitives, Scene, SurfaceMotion, Wall, WedgeHopper
@@ -30,16 +30,16 @@ def hopper(length: float = 1.0) -> Scene:
     return scene(COUNT, hertz(shear_modulus=SOFT * length), silo, G).model_copy(update={"grains": grains})
 
 
-def fallen(stand: Stand) -> tuple[Scene, Packing]:
+def fallen(platform: Platform) -> tuple[Scene, Packing]:
     """Let grains fall into the closed hopper, and open it while they still move."""
     closed = hopper().close()
-    motion = stand.run(MemberStart(closed, DT, place(closed, "gas", 1)), 4)
-    return hopper(), start_of_discharge(motion.end, closed, hopper())
+    trajectory = platform.run(MemberStart(closed, DT, place(closed, "gas", 1)), 4)
+    return hopper(), start_of_discharge(trajectory.end, closed, hopper())
 
 
-def discharge(stand: Stand, scene: Scene, start: Packing, dt: float = DT, steps: int = 3000) -> Motion:
+def discharge(platform: Platform, scene: Scene, start: Packing, dt: float = DT, steps: int = 3000) -> Trajectory:
     """Discharge for `steps` steps, with the crossings of the outlet."""
-    return stand.run(MemberStart(scene, dt, start), 1, steps, [OUT])
+    return platform.run(MemberStart(scene, dt, start), 1, steps, [OUT])
 
 
 def scaled(packing: Packing) -> Packing:
@@ -76,7 +76,7 @@ def unequal(a: Packing, b: Packing) -> int:
     return sum(int(np.sum(getattr(a, name) != getattr(b, name))) for name in ("x", "v", "omega"))
 
 
-def _unequal_crossings(a: Motion, b: Motion, factor: float = 1.0) -> int:
+def _unequal_crossings(a: Trajectory, b: Trajectory, factor: float = 1.0) -> int:
     """Number of crossings of a and b that differ in grain or in any bit of the time."""
     first, second = a.rows(OUT), b.rows(OUT)
     if len(first["id"]) != len(second["id"]):
@@ -84,10 +84,10 @@ def _unequal_crossings(a: Motion, b: Motion, factor: float = 1.0) -> int:
     return int(np.sum((first["id"] != second["id"]) | (first["time"] * factor != second["time"])))
 
 
-def _scales(stand: Stand) -> Mapping[str, float]:
-    open_scene, start = fallen(stand)
-    original = discharge(stand, open_scene, start)
-    image = discharge(stand, hopper(4.0), scaled(start), 2 * DT)
+def _scales(platform: Platform) -> Mapping[str, float]:
+    open_scene, start = fallen(platform)
+    original = discharge(platform, open_scene, start)
+    image = discharge(platform, hopper(4.0), scaled(start), 2 * DT)
     _flowed(original)
     return {
         "unequal components": unequal(scaled(original.end), image.end),
@@ -95,10 +95,10 @@ def _scales(stand: Stand) -> Mapping[str, float]:
     }
 
 
-def _mirrors(stand: Stand) -> Mapping[str, float]:
-    open_scene, start = fallen(stand)
-    original = discharge(stand, open_scene, start)
-    image = discharge(stand, mirrored(open_scene), start.mirrored())
+def _mirrors(platform: Platform) -> Mapping[str, float]:
+    open_scene, start = fallen(platform)
+    original = discharge(platform, open_scene, start)
+    image = discharge(platform, mirrored(open_scene), start.mirrored())
     _flowed(original)
     return {
         "unequal components": unequal(original.end.mirrored(), image.end),
@@ -106,19 +106,19 @@ def _mirrors(stand: Stand) -> Mapping[str, float]:
     }
 
 
-def _renumbers(stand: Stand) -> Mapping[str, float]:
-    open_scene, start = fallen(stand)
+def _renumbers(platform: Platform) -> Mapping[str, float]:
+    open_scene, start = fallen(platform)
     order = np.random.default_rng(4).permutation(len(start))
     differences = []
     for steps in (200, 1000):
-        original = discharge(stand, open_scene, start, steps=steps)
-        renumbered = discharge(stand, open_scene, start.renumbered(order), steps=steps)
+        original = discharge(platform, open_scene, start, steps=steps)
+        renumbered = discharge(platform, open_scene, start.renumbered(order), steps=steps)
         differences.append(difference(original.end, renumbered.end))
     return {"after 5 ms": differences[0], "after 25 ms": differences[1]}
 
 
-def _flowed(motion: Motion) -> None:
-    require(len(motion.rows(OUT)["id"]) > 20, "too little has flowed for a comparison")
+def _flowed(trajectory: Trajectory) -> None:
+    require(len(trajectory.rows(OUT)["id"]) > 20, "too little has flowed for a comparison")
 
 
 _BITS = {"unequal components": limited(0), "unequal crossings": limited(0)}

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from labbook.checks.verify.case import Case, limited
+from labbook.checks.verify.platform import MemberStart, Platform, require
 from labbook.checks.verify.rods import ROD
-from labbook.checks.verify.stand import MemberStart, Stand, require
 from labbook.checks.verify.symmetry import mirrored
 from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
@@ -39,14 +39,14 @@ def turned(packing: Packing, angle: float) -> Packing:
     return replace(packing, q=q, **vectors)
 
 
-def _compare(stand: Stand, transform, scene: Scene, inverse) -> Mapping[str, float]:
+def _compare(platform: Platform, transform, scene: Scene, inverse) -> Mapping[str, float]:
     """Largest differences in position [d] between a discharge and its transformed image, by time."""
     closed = silo().close()
-    fallen = stand.run(MemberStart(closed, DT, place(closed, "gas", 1)), 30).end
+    fallen = platform.run(MemberStart(closed, DT, place(closed, "gas", 1)), 30).end
     start, errors = start_of_discharge(fallen, closed, silo()), {}
     for name, steps in LATER.items():
-        original = stand.run(MemberStart(silo(), DT, start), 1, steps).end
-        image = stand.run(MemberStart(scene, DT, transform(start)), 1, steps).end
+        original = platform.run(MemberStart(silo(), DT, start), 1, steps).end
+        image = platform.run(MemberStart(scene, DT, transform(start)), 1, steps).end
         require(len(original) == len(image) == len(start), "a rod has left")
         require(len(original.pairs) > 20, "the rods do not touch")
         require(float(np.linalg.norm(original.v, axis=1).max()) > 0.01, "the rods do not move")
@@ -54,12 +54,12 @@ def _compare(stand: Stand, transform, scene: Scene, inverse) -> Mapping[str, flo
     return errors
 
 
-def _turns(stand: Stand) -> Mapping[str, float]:
-    return _compare(stand, lambda p: turned(p, 1.0), silo(), lambda p: turned(p, -1.0))
+def _turns(platform: Platform) -> Mapping[str, float]:
+    return _compare(platform, lambda p: turned(p, 1.0), silo(), lambda p: turned(p, -1.0))
 
 
-def _mirrors(stand: Stand) -> Mapping[str, float]:
-    return _compare(stand, Packing.mirrored, mirrored(silo()), Packing.mirrored)
+def _mirrors(platform: Platform) -> Mapping[str, float]:
+    return _compare(platform, Packing.mirrored, mirrored(silo()), Packing.mirrored)
 
 
 CASES = [

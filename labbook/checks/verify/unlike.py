@@ -10,7 +10,7 @@ import numpy as np
 from labbook.backend.probes import Sample
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import LAWS, D, room
-from labbook.checks.verify.stand import MemberStart, Motion, Stand, require
+from labbook.checks.verify.platform import MemberStart, Platform, Trajectory, require
 from labbook.scene import Between, Kind, Scene, Spheres, SurfaceChange
 from labbook.scene.packing import Packing
 from labbook.scene.timescales import collision
@@ -73,8 +73,8 @@ class Impact:
         """Force [N] against a spring: mu F_n (1 - (1 - s/s_max)^{3/2}) after Mindlin, or mu F_n s/s_max."""
         if overlap <= 0:
             return 0.0
-        part = min(abs(spring) / (self.reach * overlap), 1.0)
-        share = part if self.law == "linear" else 1 - (1 - part) ** 1.5
+        fraction = min(abs(spring) / (self.reach * overlap), 1.0)
+        share = fraction if self.law == "linear" else 1 - (1 - fraction) ** 1.5
         return -math.copysign(FRICTION * self.normal(overlap) * share, spring)
 
     @property
@@ -176,17 +176,17 @@ def meeting(slip: float, dt: float) -> Packing:
     return Packing(x=np.array(x, float), v=v, omega=np.zeros((4, 3)), diameter=diameter, kind=kind)
 
 
-def _meets(stand: Stand, law: str, slip: float) -> Motion:
+def _meets(platform: Platform, law: str, slip: float) -> Trajectory:
     scene, three = scene_of(law), impacts(law)
     dt = min(impact.lasts for impact in three) / 400
     require(dt < collision(scene.model_copy(update={"gravity": SPEED**2 / D})), "the stiffest contact sets the step")
     steps = math.ceil(1.5 * max(impact.lasts for impact in three) / dt)
-    return stand.run(MemberStart(scene, dt, meeting(slip, dt)), steps, 1, [MOTION])
+    return platform.run(MemberStart(scene, dt, meeting(slip, dt)), steps, 1, [MOTION])
 
 
-def _lasts(stand: Stand, law: str) -> Mapping[str, float]:
-    motion = _meets(stand, law, 0.0)
-    z = motion.by_beat(MOTION, "z")[:, :, 0]
+def _lasts(platform: Platform, law: str) -> Mapping[str, float]:
+    trajectory = _meets(platform, law, 0.0)
+    z = trajectory.by_beat(MOTION, "z")[:, :, 0]
     distances = (z[:, 0] - z[:, 1], z[:, 2], z[:, 3])
     errors: dict[str, list[float]] = {"duration": [], "deepest": []}
     for impact, distance in zip(impacts(law), distances, strict=True):
@@ -194,7 +194,7 @@ def _lasts(stand: Stand, law: str) -> Mapping[str, float]:
         crossed = np.flatnonzero(np.diff(np.sign(overlap)))
         require(len(crossed) == 2, "they did not collide once")
         first, last = (k + overlap[k] / (overlap[k] - overlap[k + 1]) for k in crossed)
-        errors["duration"].append((last - first) * motion.numerics.dt / impact.lasts - 1)
+        errors["duration"].append((last - first) * trajectory.numerics.dt / impact.lasts - 1)
         errors["deepest"].append(float(overlap.max()) / impact.deepest - 1)
     return {name: float(np.abs(values).max()) for name, values in errors.items()}
 
@@ -203,10 +203,10 @@ SLIPS = (0.2, 0.7)
 """Tangential over normal velocity: one that sticks for most of the contact, and one that slides before."""
 
 
-def _parts(stand: Stand, law: str) -> Mapping[str, float]:
+def _errors(platform: Platform, law: str) -> Mapping[str, float]:
     worst = {"velocities": 0.0, "spins": 0.0}
     for slip in SLIPS:
-        end = _meets(stand, law, slip).end
+        end = _meets(platform, law, slip).end
         measured = [(end.v[0] - end.v[1], end.omega[:2, 1]), *((end.v[k], end.omega[[k], 1]) for k in (2, 3))]
         for impact, (v, spins) in zip(impacts(law), measured, strict=True):
             vx, vz, *expected = impact.parted(slip)
@@ -240,7 +240,7 @@ CASES = [
                 "velocities": limited(2e-4, roundings=16, steps=1e3),
                 "spins": limited(1e-3, roundings=16, steps=1e3),
             },
-            run=partial(_parts, law=law),
+            run=partial(_errors, law=law),
         )
         for law in LAWS
     ),

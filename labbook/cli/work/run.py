@@ -64,7 +64,7 @@ def run(
 
 def carry_out(
     definition: Study,
-    place: Lab,
+    lab: Lab,
     checkpoint_every: float = CHECKPOINT_EVERY,
     shard: str | None = None,
     base: Path | None = None,
@@ -74,13 +74,13 @@ def carry_out(
     """Make the runs that a study still needs; what hinders them is printed, and ends the program."""
     try:
         with Bar(screen(stderr=True)) as bar:
-            return place.run(definition, bar, checkpoint_every, shard, base, cluster, pilot)
+            return lab.run(definition, bar, checkpoint_every, shard, base, cluster, pilot)
     except PilotStopped:
         with suppress(OSError):
             say(f"Stopped early, in the pilot; everything is saved: {GO_ON}", err=True)
         leave(STOPPED)
     except PermissionError as problem:
-        elsewhere = command("pilot", definition.path, "--out", "FILE", lab=Path(place.folder), backend=place.backend)
+        elsewhere = command("pilot", definition.path, "--out", "FILE", lab=Path(lab.folder), backend=lab.backend)
         fail(f"{problem.filename}: {problem.strerror}; give {elsewhere} and name FILE as accuracy.calibration, or "
              "give --no-pilot")  # fmt: skip
     except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError) as problem:

@@ -110,7 +110,7 @@ class Fan2023(Paper):
 
 def _of_ratio(quantity: str, ratio: Ratio) -> Comparison:
     """Compare a ratio with the reference; the plain hopper over itself is 1 without error, and has no comparison."""
-    points = tuple(dict.fromkeys((ratio.result, ratio.over)))
+    points = tuple(dict.fromkeys((ratio.result, ratio.plain)))
     base = replace(sought(quantity, ratio.result.at), label=ratio.result.label, points=points)
     return replace(base, ours=ratio.value, error=ratio.error, low=ratio.low, high=ratio.high)
 

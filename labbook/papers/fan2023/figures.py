@@ -126,15 +126,15 @@ def _their_profile(ax: "Axes", column: int, theirs: Mapping[str, float], source:
 
 
 def _draw_profile(
-    ax: "Axes", fitted: FittedOutlet, name: str, runs: np.ndarray, over: float, scale: float, index: int, label: str
+    ax: "Axes", fitted: FittedOutlet, name: str, runs: np.ndarray, unit: float, scale: float, index: int, label: str
 ) -> None:
     profile, style = fitted.profile, look(index)
     x = (profile.edges[1:] + profile.edges[:-1]) / 2 * scale
-    y = getattr(profile, name) / over
+    y = getattr(profile, name) / unit
     inside = profile.inside & np.isfinite(y)
     ax.plot(x, y, color=style["color"], alpha=0.3, linewidth=0.7, zorder=1)
     if len(runs) > 1:
-        error = runs.std(axis=0, ddof=1) / math.sqrt(len(runs)) / over
+        error = runs.std(axis=0, ddof=1) / math.sqrt(len(runs)) / unit
         ax.fill_between(x, y - error, y + error, where=inside, color=style["color"], alpha=0.2, linewidth=0)
     style = {**style, "linestyle": "none", "markersize": 3}
     ax.plot(x[inside], y[inside], **style, label=label, zorder=2)
@@ -158,10 +158,10 @@ def outlet_middles(
         theirs = of_reference(comparisons, definition, series)
         _speeds(left, fit, R, series.points[0].point.scene.gravity, theirs, source)
         _middles(middle, fit, R, theirs, source)
-        for place, (name, label) in enumerate(_FLOWS.items()):
-            style = {**look(place), "linestyle": "none"}
+        for index, (name, label) in enumerate(_FLOWS.items()):
+            style = {**look(index), "linestyle": "none"}
             flows = [getattr(outlet, name) for outlet in fit.outlets]
-            offset = 0.4 * (place - (len(_FLOWS) - 1) / 2)
+            offset = 0.4 * (index - (len(_FLOWS) - 1) / 2)
             values, errors = [flow.value for flow in flows], [np.nan_to_num(flow.error) for flow in flows]
             right.errorbar(2e3 * R + offset, values, yerr=errors, label=label, **style)
         right.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
@@ -366,11 +366,11 @@ def shape_against_position(
         for ax, (name, approached) in zip(axes, approaches(ratios, definition).items(), strict=True):
             groups = [display.label(result.at, {GAP}) for result in approached.of]
             order = list(dict.fromkeys(groups))
-            for place, parameter, group in zip(approached.places, approached.parameters, groups, strict=True):
+            for index, parameter, group in zip(approached.positions, approached.parameters, groups, strict=True):
                 style = {**look(order.index(group)), "linestyle": "none", "markersize": 3.5}
                 error = parameter.error if math.isfinite(parameter.error) else 0.0
                 label = group if group not in ax.get_legend_handles_labels()[1] else None
-                ax.errorbar(place, parameter.value, yerr=error, label=label, **style)
+                ax.errorbar(index, parameter.value, yerr=error, label=label, **style)
             if approached.approach is not None:
                 _draw_approach(ax, approached.approach)
             theirs = {c.quantity.rpartition(".")[2]: c.reference for c in comparisons
@@ -479,10 +479,10 @@ def flow_against_position(
         figure = Figure(figsize=(PAGE * 0.75, 72 * MILLIMETRE))
         ax = figure.subplots()
         _points(ax, ratios, GAP, float)
-        places = {tuple(ratio.result.at.items()): ratio.at for ratio in ratios}
-        theirs = [c for c in comparisons if c.quantity in RATIOS and tuple(c.at.items()) in places]
+        position_of = {tuple(ratio.result.at.items()): ratio.at for ratio in ratios}
+        theirs = [c for c in comparisons if c.quantity in RATIOS and tuple(c.at.items()) in position_of]
         if theirs:
-            x = [places[tuple(c.at.items())] for c in theirs]
+            x = [position_of[tuple(c.at.items())] for c in theirs]
             style = {"marker": "D", "markersize": 6, "markerfacecolor": "none", "linestyle": "none", "zorder": 4}
             ax.plot(x, [c.reference for c in theirs], color=INK, label=verbatim(source), **style)
         ax.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
@@ -512,16 +512,16 @@ def _points(
     """Plot ratios, an outlet a colour, side by side where they coincide; with a `law`, their distance from it [%]."""
     groups = list(dict.fromkeys(_group(ratio, key) for ratio in ratios))
     span = float(np.ptp([scale(ratio.at) for ratio in ratios])) or 1.0
-    for place, group in enumerate(groups):
+    for index, group in enumerate(groups):
         own = sorted((ratio for ratio in ratios if _group(ratio, key) == group), key=lambda ratio: ratio.at)
-        offset = 0.005 * span * (place - (len(groups) - 1) / 2)
-        style = {**look(place), "linestyle": "none", "markersize": 3.5}
+        offset = 0.005 * span * (index - (len(groups) - 1) / 2)
+        style = {**look(index), "linestyle": "none", "markersize": 3.5}
         x, y, bars = [], [], []
         for ratio in own:
-            over = law(ratio) if law else 1.0
-            part = 100 / over if law else 1.0
+            expected = law(ratio) if law else 1.0
+            per_cent = 100 / expected if law else 1.0
             x.append(scale(ratio.at) + offset)
-            y.append((ratio.value - (over if law else 0.0)) * part)
+            y.append((ratio.value - (expected if law else 0.0)) * per_cent)
             ends = [ratio.value - ratio.low, ratio.high - ratio.value]
-            bars.append([end * part if math.isfinite(end) else 0.0 for end in ends])
+            bars.append([end * per_cent if math.isfinite(end) else 0.0 for end in ends])
         ax.errorbar(x, y, yerr=np.transpose(bars), label=group, **style)

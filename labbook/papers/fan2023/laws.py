@@ -245,8 +245,8 @@ def fit_approach(s: Sequence[float], values: Sequence[float]) -> Approach:
     """
     if len(set(s)) < FEWEST:
         raise ValueError(f"an approach has three parameters: it needs at least {FEWEST} different s*")
-    places, y = np.asarray(s, float), np.asarray(values, float)
-    decay = np.exp(-np.outer(_RATES, places))
+    positions, y = np.asarray(s, float), np.asarray(values, float)
+    decay = np.exp(-np.outer(_RATES, positions))
     spread = decay - decay.mean(axis=1, keepdims=True)
     slope = spread @ y / (spread**2).sum(axis=1)
     squares = ((y - y.mean() - slope[:, None] * spread) ** 2).sum(axis=1)
@@ -255,7 +255,7 @@ def fit_approach(s: Sequence[float], values: Sequence[float]) -> Approach:
     freedom = len(y) - 3
     covariance = np.full((3, 3), math.inf)
     if 0 < best < len(_RATES) - 1:
-        slopes = _slopes(places, depth, rate)
+        slopes = _slopes(positions, depth, rate)
         # pseudo-inverse: without any depth the rate has no effect, and the matrix is singular
         covariance = squares[best] / freedom * np.linalg.pinv(slopes.T @ slopes)
     return Approach(limit, depth, rate, covariance, freedom, math.sqrt(squares[best] / freedom))

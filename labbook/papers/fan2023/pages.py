@@ -129,13 +129,13 @@ def farthest(ratios: list[Ratio]) -> str:
     inclined = [ratio for ratio in ratios if ratio.error > 0]
     if not inclined:
         return ""
-    parts = []
+    sentences = []
     for name in authors(inclined):
         compared = [(ratio, laws[name]) for ratio in inclined if name in (laws := angle_factors(ratio))]
         worst, factor = max(compared, key=lambda pair: abs(pair[0].value / pair[1] - 1))
-        part, side = percent(worst.value / factor - 1, "+.1f"), "inside" if worst.holds(factor) else "outside"
-        parts.append(f"{name} by {part} ({side} the 95 % interval, {worst.runs}) at {worst.result.label}")
-    return f"Farthest from {'; from '.join(parts)}.".replace("-", "−")
+        deviation, side = percent(worst.value / factor - 1, "+.1f"), "inside" if worst.holds(factor) else "outside"
+        sentences.append(f"{name} by {deviation} ({side} the 95 % interval, {worst.runs}) at {worst.result.label}")
+    return f"Farthest from {'; from '.join(sentences)}.".replace("-", "−")
 
 
 def angle_table(ratios: list[Ratio]) -> Table:

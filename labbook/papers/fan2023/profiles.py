@@ -353,13 +353,13 @@ class ShapeApproach:
 
     Args:
         of: Points with profiles.
-        places: s* of each point.
+        positions: s* of each point.
         parameters: The parameter of each point.
         approach: Fitted law; None with too few places.
     """
 
     of: tuple[PointResult, ...]
-    places: tuple[float, ...]
+    positions: tuple[float, ...]
     parameters: tuple[Parameter, ...]
     approach: Approach | None
 
@@ -371,12 +371,12 @@ def approaches(ratios: Sequence[Ratio], definition: str) -> Mapping[str, ShapeAp
     depend on s* alone.
     """
     fitted = [(ratio, fit) for ratio in ratios if (fit := fit_of_point(ratio.result, definition)) is not None]
-    points, places = tuple(ratio.result for ratio, _ in fitted), tuple(ratio.at for ratio, _ in fitted)
-    several, by_name = len(set(places)) >= FEWEST, {}
+    points, positions = tuple(ratio.result for ratio, _ in fitted), tuple(ratio.at for ratio, _ in fitted)
+    several, by_name = len(set(positions)) >= FEWEST, {}
     for name in SHAPE:
         parameters = tuple(fit.parameters[name] for _, fit in fitted)
-        law = fit_approach(places, [parameter.value for parameter in parameters]) if several else None
-        by_name[name] = ShapeApproach(points, places, parameters, law)
+        law = fit_approach(positions, [parameter.value for parameter in parameters]) if several else None
+        by_name[name] = ShapeApproach(points, positions, parameters, law)
     return by_name
 
 

@@ -20,7 +20,7 @@ class Ratio:
 
     Args:
         result: The point.
-        over: The plain hopper.
+        plain: The plain hopper.
         at: Angle [rad], or s*.
         value: The ratio.
         error: Standard error.
@@ -30,7 +30,7 @@ class Ratio:
     """
 
     result: PointResult
-    over: PointResult
+    plain: PointResult
     at: float
     value: float
     error: float
@@ -40,7 +40,7 @@ class Ratio:
     @property
     def runs(self) -> str:
         """Numbers of runs of both means: `n = 3`, or `n = 2 and 3`."""
-        counts = [result.flow_rate.n for result in (self.result, self.over) if result.flow_rate is not None]
+        counts = [result.flow_rate.n for result in (self.result, self.plain) if result.flow_rate is not None]
         return f"n = {' and '.join(map(str, dict.fromkeys(counts)))}"
 
     def holds(self, value: float) -> bool:
@@ -108,7 +108,7 @@ def _ratios(
     points: Sequence[PointResult],
     key: str,
     plain: Callable[[WedgeHopper], bool],
-    place: Callable[[WedgeHopper], float],
+    position_of: Callable[[WedgeHopper], float],
 ) -> list[Ratio]:
     groups: dict[tuple, list[PointResult]] = {}
     for point in points:
@@ -119,7 +119,7 @@ def _ratios(
         reference = next((point for point in group if plain(_hopper(point))), None)
         if reference is None or len(group) < 2:
             continue
-        ratios += [ratio_of_points(point, reference, place(_hopper(point))) for point in group]
+        ratios += [ratio_of_points(point, reference, position_of(_hopper(point))) for point in group]
     return ratios
 
 

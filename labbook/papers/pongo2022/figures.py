@@ -57,18 +57,18 @@ def flow_against_rotation(curves: Sequence[Rotation]) -> "Figure":
     rated = any(curve.rated for curve in curves)
     shapes = [(shape, list(group)) for shape, group in groupby(curves, key=lambda curve: curve.shape)]
     labels = sorted({curve.label: curve.orifice for curve in curves}.items(), key=lambda item: item[1])
-    place = {label: index for index, (label, _) in enumerate(labels)}
+    position = {label: index for index, (label, _) in enumerate(labels)}
     with house():
-        width = COLUMN if len(shapes) == 1 and len(place) == 1 else PAGE
+        width = COLUMN if len(shapes) == 1 and len(position) == 1 else PAGE
         figure = Figure(figsize=(width, (104 if rated else 62) * MILLIMETRE))
         axes = figure.subplots(2 if rated else 1, len(shapes), sharex=True, sharey="row", squeeze=False)
         for column, (shape, group) in enumerate(shapes):
             above, lowest = axes[0, column], axes[-1, column]
             above.set_title(shape)
             for curve in group:
-                _rates(above, curve, place[curve.label])
+                _rates(above, curve, position[curve.label])
                 if curve.rated:
-                    _ratios(lowest, curve, place[curve.label])
+                    _ratios(lowest, curve, position[curve.label])
             if rated:
                 lowest.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
             lowest.set_xlabel(_FREQUENCY if len(shapes) < 3 else "$f$ [Hz]")
@@ -79,7 +79,7 @@ def flow_against_rotation(curves: Sequence[Rotation]) -> "Figure":
         axes[0, 0].set_ylabel("$Q$ [grains/s]")
         lines = {text: line for ax in axes[0] for line, text in zip(*ax.get_legend_handles_labels(), strict=True)}
         if lines:
-            visible = [label for label in place if label in lines]
+            visible = [label for label in position if label in lines]
             figure.legend([lines[label] for label in visible], visible, loc="outside right upper")
         figure.align_ylabels()
     return figure
@@ -99,13 +99,13 @@ def _rates(ax: "Axes", curve: Rotation, index: int) -> None:
 
 
 def _ratios(ax: "Axes", curve: Rotation, index: int) -> None:
-    rest, style = bool(curve.points[0].remark), {**look(index), "markersize": 3}
-    ratios = [(0.0, 1.0, 0.0, rest)]
+    is_open, style = bool(curve.points[0].remark), {**look(index), "markersize": 3}
+    ratios = [(0.0, 1.0, 0.0, is_open)]
     for k in range(1, len(curve.points)):
         ratio = curve.ratio(FLOW, k)
         if ratio is not None:
             half = ratio.half_width if math.isfinite(ratio.half_width) else 0.0
-            ratios.append((float(curve.frequencies[k]), ratio.value, half, rest or bool(curve.points[k].remark)))
+            ratios.append((float(curve.frequencies[k]), ratio.value, half, is_open or bool(curve.points[k].remark)))
     f, values, errors, remarked = zip(*ratios, strict=True)
     ax.errorbar(f, values, yerr=errors, **style)
     _hollow(ax, f, values, remarked, style)
@@ -278,8 +278,8 @@ _SLOPE = "slope 5/2"
 
 
 def _name(series: Series) -> str:
-    rest = display.label({k: v for k, v in series.at.items() if k != ROTATION and not k.startswith("grains.")})
-    return ", ".join(filter(None, (shape_of(series.points[0]), rest)))
+    other_keys = display.label({k: v for k, v in series.at.items() if k != ROTATION and not k.startswith("grains.")})
+    return ", ".join(filter(None, (shape_of(series.points[0]), other_keys)))
 
 
 def _draw(ax: "Axes", series: Series, law: str, index: int) -> None:

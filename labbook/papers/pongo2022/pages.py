@@ -55,7 +55,9 @@ def turning_sections(results: StudyResults, folder: Path) -> list[Section]:
     fallen = _falls(curves)
     if fallen:
         figure = figures.acceleration_against_rotation(fallen, curves[0].points[0].point.scene.gravity)
-        caption = _FALL.format(value_range((point.interval for curve in curves for point in curve.points), "ms", 1e3))
+        caption = _FALL.format(
+            value_range((point.acceleration_interval for curve in curves for point in curve.points), "ms", 1e3)
+        )
         pictures.append(picture(figure, folder / "rotation-acceleration", "acceleration against height", caption))
     else:
         lacking.append(_lacks("Accelerations", results, curves))
@@ -81,8 +83,8 @@ def sentence(curve: Rotation) -> str:
     """Describe the effect of rotation on the flow of one shape and outlet in a sentence; empty without ratios."""
     name = _curve_name(curve)
     if curve.unfinished:
-        places = ", ".join(f"{f:g}" for f in curve.unfinished)
-        return f"{name}: runs are missing at f = {places} Hz, so the minimum of Q is not determined."
+        rotations = ", ".join(f"{f:g}" for f in curve.unfinished)
+        return f"{name}: runs are missing at f = {rotations} Hz, so the minimum of Q is not determined."
     lowest = curve.lowest()
     if lowest is None:
         ratio = curve.ratio(FLOW, len(curve.points) - 1)
@@ -115,8 +117,8 @@ def _pairs(curve: Rotation, *ratios: tuple[int, Pooled]) -> str:
     """State the number of pairs of runs behind ratios at these points, and the remark on runs at rest."""
     counts = [f"{ratio.n} pair{'' if ratio.n == 1 else 's'} at {curve.frequencies[k]:g} Hz" for k, ratio in ratios]
     remark = curve.points[0].remark
-    rest = f" (at rest: {remark})" if remark else ""
-    return f" Each ratio rests on runs of equal seed: {' and '.join(counts)}{rest}."
+    at_rest = f" (at rest: {remark})" if remark else ""
+    return f" Each ratio rests on runs of equal seed: {' and '.join(counts)}{at_rest}."
 
 
 def _capitalised(sentence: str) -> str:
@@ -257,8 +259,8 @@ def maps_of(curve: Rotation, points: Sequence[PointResult]):
     slow = [result for result, row in instants if not row or any(flowing.frames < FEWEST for flowing in row)]
     without = {result: why for result in slow if (why := _no_window(result))}
     for why in dict.fromkeys(without.values()):
-        places = ", ".join(turning_at(result) for result in slow if without.get(result) == why)
-        lacking.append(f"{_curve_name(curve)}: no maps at {places}, as {why}.")
+        rotations = ", ".join(turning_at(result) for result in slow if without.get(result) == why)
+        lacking.append(f"{_curve_name(curve)}: no maps at {rotations}, as {why}.")
     if rare := [result for result in slow if result not in without]:
         lacking.append(closer(rare))
     patterns = [every[0] for result in points if (every := flow_patterns(result))]

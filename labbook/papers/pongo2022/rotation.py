@@ -78,18 +78,18 @@ class Rotation:
         """True if a flow rate with the bottom rotating can be divided by that at rest."""
         return any(self.ratio(FLOW, k) is not None for k in range(1, len(self.points)))
 
-    def ratio(self, quantity: str, index: int, over: int = 0) -> Pooled | None:
+    def ratio(self, quantity: str, index: int, reference: int = 0) -> Pooled | None:
         """Quantity at a point over that at another one, paired by seeds.
 
         Args:
             quantity: Name of the quantity.
             index: Index of the point.
-            over: Index of the other point; 0: at rest.
+            reference: Index of the other point; 0: at rest.
 
         Returns:
             Ratio with its interval of CONFIDENCE; None if no seed has both.
         """
-        above, below = (by_seed(self.points[k], quantity) for k in (index, over))
+        above, below = (by_seed(self.points[k], quantity) for k in (index, reference))
         seeds = sorted(set(above) & set(below))
         if not seeds:
             return None

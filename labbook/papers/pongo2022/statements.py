@@ -103,8 +103,8 @@ def _turning(statement: Statement, name: str, curve: Rotation) -> Iterator[Judge
                 yield _of_ratio(statement, at, ratio, (curve.points[0], result))
         return
     if curve.unfinished:
-        places = ", ".join(f"{f:g}" for f in curve.unfinished)
-        yield Judged(statement, where, None, why=f"{LACKING} (f = {places} Hz)")
+        rotations = ", ".join(f"{f:g}" for f in curve.unfinished)
+        yield Judged(statement, where, None, why=f"{LACKING} (f = {rotations} Hz)")
         return
     lowest = curve.lowest(quantity)
     if lowest is None:
@@ -154,8 +154,8 @@ def _along(statement: Statement, law: str, parameter: str, series: Sequence[Seri
         elif len(fitted) < 3 or any(number.value <= 0 for _, number in fitted):
             yield Judged(statement, where, None, why=f"a trend needs {law}.{parameter} above 0 at three frequencies")
         else:
-            places = [abs(float(line.at[ROTATION])) for line, _ in fitted]
-            comparison = along_rotation(places, [number.value for _, number in fitted])
+            rotations = [abs(float(line.at[ROTATION])) for line, _ in fitted]
+            comparison = along_rotation(rotations, [number.value for _, number in fitted])
             yield Judged(statement, where, *comparison, points=points)
 
 

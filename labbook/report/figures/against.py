@@ -133,13 +133,13 @@ def _panel(
     logarithmic = not comparison.words and min(x.values()) > 0 and max(x.values()) / min(x.values()) > 10**_DECADES
     together = arrangement.together
     for member in members:
-        line, style, place = comparison.lines[member], arrangement.looks[member], arrangement.places[member]
-        shift = (0.03 if comparison.words else min(0.012, 0.04 / together)) * (place - (together - 1) / 2)
+        line, style, rank = comparison.lines[member], arrangement.looks[member], arrangement.ranks[member]
+        shift = (0.03 if comparison.words else min(0.012, 0.04 / together)) * (rank - (together - 1) / 2)
         at = {
             value: x[value] * (1 + 3 * shift) if logarithmic else x[value] + (1 if comparison.words else span) * shift
             for value in values
         }
-        measured = [one for one in line.places if comparison.quantity in one.result.pooled]
+        measured = [one for one in line.points if comparison.quantity in one.result.pooled]
         if not comparison.words:
             path = {"color": style["color"], "linestyle": style["linestyle"], "linewidth": 0.6, "alpha": 0.6}
             main.plot(
@@ -149,7 +149,7 @@ def _panel(
             )
             rated = [(at[p.value], p.ratio.value if p.ratio else 1.0) for p in measured if p.ratio or p is line.first]
             below.plot(*np.transpose(rated) if rated else ([], []), **path)
-        for ratio_point in line.places:
+        for ratio_point in line.points:
             bars += _draw(
                 main, below, comparison, line, ratio_point, at[ratio_point.value], scale, style, len(members) == 1
             )
@@ -195,14 +195,14 @@ def _draw(
 def _abscissa(comparison: Against) -> dict[float | str, float]:
     """Position of each value on the axis: in the displayed unit; words side by side."""
     if comparison.words:
-        return {value: float(place) for place, value in enumerate(comparison.values)}
+        return {value: float(index) for index, value in enumerate(comparison.values)}
     scale = display.key(comparison.key).scale
     return {value: float(value) * scale for value in comparison.values}
 
 
 def _range(lines: Sequence[Line]) -> tuple[float, float]:
     """Of all ratios with their intervals; those so wide that nothing else would be seen are cut."""
-    ratios = [place.ratio for line in lines for place in line.places if place.ratio is not None]
+    ratios = [point.ratio for line in lines for point in line.points if point.ratio is not None]
     values = [1.0, *(ratio.value for ratio in ratios)]
     wide = _WHOLE * max(max(values) - min(values), 0.02)
     halves = [min(ratio.half_width, wide) if math.isfinite(ratio.half_width) else 0.0 for ratio in ratios]

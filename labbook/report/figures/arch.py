@@ -28,16 +28,16 @@ def arch_figure(points: Sequence[PointArches]) -> "Figure":
     from matplotlib.figure import Figure
 
     pictured = np.unique(np.linspace(0, len(points) - 1, min(_PICTURES, len(points))).round().astype(int))
-    above = any(not flat(points[place].result.point.scene) for place in pictured)
+    above = any(not flat(points[index].result.point.scene) for index in pictured)
     with house():
         figure = Figure(figsize=(PAGE, (96 if above else 48) * MILLIMETRE))
         grid = figure.add_gridspec(1 + above, len(pictured) + 1)
-        for column, place in enumerate(pictured):
-            point = points[place]
+        for column, index in enumerate(pictured):
+            point = points[index]
             scene, bed = point.result.point.scene, point.last
             front = figure.add_subplot(grid[0, column])
             draw_bed(front, scene, bed)
-            front.set_title(f"$D/d$ = {point.width:.3g}")
+            front.set_title(f"$D/d$ = {point.width_ratio:.3g}")
             front.set_ylabel("" if column else "$z$ [mm]")
             if above:
                 plan = figure.add_subplot(grid[1, column])
@@ -109,19 +109,19 @@ def _draw_grains(ax: "Axes", scene: Scene, bed: StoppedBed, inside: np.ndarray, 
     """Draw grains of the bed and, over them, those of the arch, with the forces between them, seen along an axis."""
     from matplotlib.collections import EllipseCollection, LineCollection
 
-    places, d = bed.x[:, list(axes)] * 1e3, scene.grains.diameter
+    centres, d = bed.x[:, list(axes)] * 1e3, scene.grains.diameter
     depth = {1: -bed.x[:, 1], 2: bed.x[:, 2]}[3 - sum(axes)]
     arch = bed.rows[np.argsort(depth[bed.rows], kind="stable")]
     for rows, face, edge in ((np.flatnonzero(inside), "#eceff3", "#b9c3cf"), (arch, "#f6c667", "#8a5a00")):
         size = np.full(len(rows), d * 1e3)
-        circles = {"offsets": places[rows], "facecolors": face, "edgecolors": edge, "linewidths": 0.5, "zorder": 1}
+        circles = {"offsets": centres[rows], "facecolors": face, "edgecolors": edge, "linewidths": 0.5, "zorder": 1}
         ax.add_collection(EllipseCollection(size, size, 0 * size, units="xy", offset_transform=ax.transData, **circles))
     near = inside[bed.pairs].all(axis=1)
     pairs, force = bed.pairs[near], bed.force[near]
     largest = max(float(force.max(initial=0.0)), float(bed.link.max(initial=0.0)), 1e-300)
     widths, along = _WIDEST * force / largest, _WIDEST * bed.link / largest
-    ax.add_collection(LineCollection(list(places[pairs]), linewidths=widths, colors=INK, capstyle="round", zorder=2))
-    links = list(places[bed.links])
+    ax.add_collection(LineCollection(list(centres[pairs]), linewidths=widths, colors=INK, capstyle="round", zorder=2))
+    links = list(centres[bed.links])
     ax.add_collection(LineCollection(links, linewidths=along, colors=COLOURS[1], capstyle="round", zorder=3))
     ax.set_aspect("equal")
     ax.locator_params(nbins=4)
@@ -131,8 +131,10 @@ def _draw_grains(ax: "Axes", scene: Scene, bed: StoppedBed, inside: np.ndarray, 
 def _sizes(ax: "Axes", points: Sequence[PointArches]) -> None:
     for point in points:
         numbers, counts = np.unique(point.sizes, return_counts=True)
-        ax.scatter(np.full(len(numbers), point.width), numbers, 40 * counts / counts.sum(), color=COLOURS[5], zorder=1)
+        ax.scatter(
+            np.full(len(numbers), point.width_ratio), numbers, 40 * counts / counts.sum(), color=COLOURS[5], zorder=1
+        )
     means, errors = ([getattr(point.size, name) for point in points] for name in ("value", "error"))
-    ax.errorbar([point.width for point in points], means, errors, color=COLOURS[0], marker="o", linestyle="none")
+    ax.errorbar([point.width_ratio for point in points], means, errors, color=COLOURS[0], marker="o", linestyle="none")
     ax.set(xlabel="$D/d$", ylabel="grains of an arch")
     ax.set_ylim(0, max(point.sizes.max() for point in points) + 1)

@@ -28,21 +28,21 @@ class Arrangement:
     Args:
         panels: Numbers of the curves by the title of their panel.
         looks: Colour, marker and dash of each curve.
-        places: Rank of each curve among those of its panel.
+        ranks: Rank of each curve among those of its panel.
         entries: Legend: style by label.
         bar: Name and values of the key of a colour bar, which replaces a long legend.
     """
 
     panels: Mapping[str, tuple[int, ...]]
     looks: tuple[dict[str, Any], ...]
-    places: tuple[int, ...]
+    ranks: tuple[int, ...]
     entries: Mapping[str, dict[str, Any]]
     bar: tuple[str, tuple[float, ...]] | None = None
 
     @property
     def together(self) -> int:
         """Largest number of curves in one panel."""
-        return max(self.places, default=0) + 1
+        return max(self.ranks, default=0) + 1
 
     def rows(self, width: float) -> int:
         """Number of lines that the legend takes in a figure of this width [inch]."""
@@ -91,10 +91,10 @@ def arranged(ats: Sequence[Mapping[str, float | str]], labels: Sequence[str]) ->
     for k, at in enumerate(ats):
         title = display.label({name: at[name] for name in varied if name in at and name != key})
         panels[title] = (*panels.get(title, ()), k)
-    places = tuple(order.index(float(at[key])) for at in ats)
+    ranks = tuple(order.index(float(at[key])) for at in ats)
     if len(order) <= ENTRIES:
         entries = {display.setting(key, value): look(rank) for rank, value in enumerate(order)}
-        return Arrangement(panels, tuple(look(rank) for rank in places), places, entries)
+        return Arrangement(panels, tuple(look(rank) for rank in ranks), ranks, entries)
     colours = _colours(key, order)
     scale = display.key(key).scale
     styles = [
@@ -105,7 +105,7 @@ def arranged(ats: Sequence[Mapping[str, float | str]], labels: Sequence[str]) ->
         }
         for k, value in enumerate(order)
     ]
-    return Arrangement(panels, tuple(styles[rank] for rank in places), places, {}, (key, tuple(order)))
+    return Arrangement(panels, tuple(styles[rank] for rank in ranks), ranks, {}, (key, tuple(order)))
 
 
 def _colours(key: str, values: Sequence[float]) -> "ScalarMappable":

@@ -28,9 +28,9 @@ def clogging_figure(series: SeriesClogging) -> "Figure":
         points = [point for point in series.points if point.probability is not None]
         stopped = [point for point in points if point.probability is not None and not point.probability.bound]
         spread = np.unique(np.linspace(0, len(stopped) - 1, min(_PANELS, len(stopped))).round().astype(int))
-        for place, index in enumerate(spread):
-            _survival(longer, stopped[index], place)
-            _hazard(hazards, stopped[index], place)
+        for rank, index in enumerate(spread):
+            _survival(longer, stopped[index], rank)
+            _hazard(hazards, stopped[index], rank)
         longer.plot([0, 6], [1, math.exp(-6)], color=FAINT, linewidth=0.8, zorder=1)
         longer.set(
             yscale="log", ylim=(2e-3, 1.2), xlim=(0, 6), xlabel="grains $s$ / mean avalanche", ylabel="part longer"
@@ -44,21 +44,23 @@ def clogging_figure(series: SeriesClogging) -> "Figure":
     return figure
 
 
-def _survival(ax: "Axes", point: PointClogging, place: int) -> None:
+def _survival(ax: "Axes", point: PointClogging, index: int) -> None:
     curve, q = point.survival, point.probability
     assert curve is not None
     assert q is not None
-    ax.step(curve.x * q.value, curve.p, where="post", color=COLOURS[place], linewidth=0.9, label=f"{point.width:.3g}")
+    ax.step(
+        curve.x * q.value, curve.p, where="post", color=COLOURS[index], linewidth=0.9, label=f"{point.width_ratio:.3g}"
+    )
 
 
-def _hazard(ax: "Axes", point: PointClogging, place: int) -> None:
+def _hazard(ax: "Axes", point: PointClogging, index: int) -> None:
     curve, q = point.hazard, point.probability
     assert curve is not None
     assert q is not None
-    middle = (curve.edges[:-1] + curve.edges[1:]) / 2 * q.value * (1 + 0.02 * place)
+    middle = (curve.edges[:-1] + curve.edges[1:]) / 2 * q.value * (1 + 0.02 * index)
     rates = np.array([[rate.value, rate.low, rate.high] for rate in curve.rates]) / q.value
     bars = np.array([rates[:, 0] - rates[:, 1], rates[:, 2] - rates[:, 0]])
-    style = {"color": COLOURS[place], "marker": MARKERS[place], "markersize": 3, "linewidth": 0.7}
+    style = {"color": COLOURS[index], "marker": MARKERS[index], "markersize": 3, "linewidth": 0.7}
     ax.errorbar(middle, rates[:, 0], bars, linestyle="none", **style)
 
 
@@ -66,17 +68,17 @@ def _means(ax: "Axes", series: SeriesClogging, points: Sequence[PointClogging]) 
     for point in points:
         mean, low, high = point.mean_avalanche
         if math.isinf(mean):
-            ax.plot([point.width], [low], marker=r"$\uparrow$", color=COLOURS[0], linestyle="none", markersize=6)
+            ax.plot([point.width_ratio], [low], marker=r"$\uparrow$", color=COLOURS[0], linestyle="none", markersize=6)
             continue
         ax.errorbar(
-            [point.width], [mean], [[mean - low], [high - mean]], color=COLOURS[0], marker="o", linestyle="none"
+            [point.width_ratio], [mean], [[mean - low], [high - mean]], color=COLOURS[0], marker="o", linestyle="none"
         )
     if points:
-        x = np.linspace(min(p.width for p in points), max(p.width for p in points), 200)
-        for place, fit in enumerate(series.fits):
+        x = np.linspace(min(p.width_ratio for p in points), max(p.width_ratio for p in points), 200)
+        for index, fit in enumerate(series.fits):
             mean = fit.mean(x)
             mean[~np.isfinite(mean)] = np.nan
-            ax.plot(x, mean, color=COLOURS[1 + place], linestyle=DASHES[place], label=fit.law.name)
+            ax.plot(x, mean, color=COLOURS[1 + index], linestyle=DASHES[index], label=fit.law.name)
         ends = [end for p in points for end in p.mean_avalanche if math.isfinite(end)]
         ax.set_ylim(min(ends) / 2, max(ends) * 3)
     ax.set(yscale="log", xlabel="$D/d$", ylabel="mean avalanche $1/q$ [grains]")

@@ -32,10 +32,10 @@ def energy_balance(points: Sequence[PointResult]) -> "Figure":
                 split = name == "power_contacts" and "power_normal" in result.pooled
                 if name not in result.pooled or split:
                     continue
-                part = result.pooled[name].value / released
-                ax.barh(row, part, 0.7, left=start, color=color, label=None if label in labelled else label)
+                fraction = result.pooled[name].value / released
+                ax.barh(row, fraction, 0.7, left=start, color=color, label=None if label in labelled else label)
                 labelled.add(label)
-                start += part
+                start += fraction
             ax.barh(row, max(1 - start, 0.0), 0.7, left=start, color=FAINT, alpha=0.5, label=None if row else "rest")
         ax.axvline(1.0, color=FAINT, linewidth=0.6)
         ax.set_yticks(range(len(points)), [verbatim(result.label) for result in points])

@@ -111,11 +111,11 @@ def _fill_grid(axes: "np.ndarray", grid: _Grid) -> None:
 def _broken(title: str) -> str:
     """The title in lines, broken between settings rather than within one."""
     lines: list[str] = []
-    for part in title.split(", "):
-        if lines and len(lines[-1]) + len(part) + 2 <= _TITLE:
-            lines[-1] += f", {part}"
+    for item in title.split(", "):
+        if lines and len(lines[-1]) + len(item) + 2 <= _TITLE:
+            lines[-1] += f", {item}"
         else:
-            lines += textwrap.wrap(part, _TITLE)
+            lines += textwrap.wrap(item, _TITLE)
     return "\n".join(f"{line}," if k < len(lines) - 1 else line for k, line in enumerate(lines))
 
 

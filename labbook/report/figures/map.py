@@ -45,15 +45,15 @@ def design_map(surface: DesignSurface) -> "Figure":
         if values.max() > values.min():
             lines = ax.contour(u, u, masked, levels=_LEVELS, colors="white", linewidths=0.6)
             ax.clabel(lines, fontsize=5.5)
-        used = np.array([_place(surface, result) for result in surface.points])
+        used = np.array([_position(surface, result) for result in surface.points])
         ax.scatter(*used.T, c=values, s=34, edgecolors="white", linewidths=0.9, zorder=3, **colours)
         wide = np.array([result.pooled[surface.quantity].relative > WIDE for result in surface.points])
         ax.scatter(*used[wide].T, s=78, facecolors="none", edgecolors="#E69F00", linewidths=1.1, zorder=3)
-        left_out = [_place(surface, result) for result in surface.left_out]
+        left_out = [_position(surface, result) for result in surface.left_out]
         if left_out:
             ax.scatter(*np.array(left_out).T, marker="x", s=26, color=INK, linewidths=1.1, zorder=3, clip_on=False)
-        for limits, places in zip((ax.set_xlim, ax.set_ylim), np.array([*used, *left_out]).T, strict=True):
-            low, high = min(-1.0, float(places.min())), max(1.0, float(places.max()))
+        for limits, limits_of_axis in zip((ax.set_xlim, ax.set_ylim), np.array([*used, *left_out]).T, strict=True):
+            low, high = min(-1.0, float(limits_of_axis.min())), max(1.0, float(limits_of_axis.max()))
             limits(low - _ROOM * (high - low), high + _ROOM * (high - low))
         for axis, factor in zip((ax.xaxis, ax.yaxis), surface.factors, strict=True):
             _ticks(axis, factor, [float(result.at[factor.key]) for result in (*surface.points, *surface.left_out)])
@@ -62,13 +62,13 @@ def design_map(surface: DesignSurface) -> "Figure":
     return figure
 
 
-def _place(surface: DesignSurface, result: PointResult) -> np.ndarray:
+def _position(surface: DesignSurface, result: PointResult) -> np.ndarray:
     return surface.scaled(np.array([[float(result.at[key]) for key in surface.keys]]))[0]
 
 
 def _ticks(axis: "Axis", factor: Factor, values: list[float]) -> None:
     """Ticks at the swept values, or at some that are evenly spread."""
-    places = sorted({*values})
-    step = math.ceil(len(places) / _TICKS)
-    places = [value for value in places[::step] if value > 0 or not factor.logarithmic]
-    axis.set_ticks(factor.scaled(np.array(places)), [display.amount(factor.key, value) for value in places])
+    ticks = sorted({*values})
+    step = math.ceil(len(ticks) / _TICKS)
+    ticks = [value for value in ticks[::step] if value > 0 or not factor.logarithmic]
+    axis.set_ticks(factor.scaled(np.array(ticks)), [display.amount(factor.key, value) for value in ticks])

@@ -63,18 +63,18 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
         axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         main, below = axes[0], axes[-1]
         zeros = [zero for fit in series.fits.values() if (zero := zero_of(fit)) is not None]
-        first = min([0.92 * min(series.diameters), *zeros])
-        diameters = np.linspace(first, 1.04 * max(series.diameters), 200)
-        for place, (law, fit) in enumerate(series.fits.items()):
-            style = {"color": COLOURS[_FITS.get(law, 3 + place)], "linestyle": DASHES[place]}
-            _law(main, fit, diameters, power, label=display.law(law), **style)
-            _residuals(below, series, law, style["color"], place)
+        first = min([0.92 * min(series.orifices), *zeros])
+        orifices = np.linspace(first, 1.04 * max(series.orifices), 200)
+        for index, (law, fit) in enumerate(series.fits.items()):
+            style = {"color": COLOURS[_FITS.get(law, 3 + index)], "linestyle": DASHES[index]}
+            _law(main, fit, orifices, power, label=display.law(law), **style)
+            _residuals(below, series, law, style["color"], index)
         _points(main, series.points, series.flagged, power, color=INK, marker="o", label="labbook", words=True)
         theirs = _flow_rates(series, comparisons)
         _reference(main, theirs, source, power)
         if series.fits:
             _their_residuals(below, theirs, next(iter(series.fits.values())))
-        _their_law(main, series, comparisons, source, power, diameters)
+        _their_law(main, series, comparisons, source, power, orifices)
         below.set_xlabel("orifice, $D$ [mm]")
         if series.fits:
             below.axhline(0, color=FAINT, linewidth=0.6, zorder=0)
@@ -82,8 +82,8 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
         main.set_ylabel(_heading(power_text))
         from_zero(main)
         _bands(main, series, power)
-        for place, (law, fit) in enumerate(series.fits.items()):
-            _zero(main, fit, COLOURS[_FITS.get(law, 3 + place)])
+        for index, (law, fit) in enumerate(series.fits.items()):
+            _zero(main, fit, COLOURS[_FITS.get(law, 3 + index)])
         if series.label:
             main.set_title(series.label)
         labels = main.get_legend_handles_labels()[1]
@@ -115,9 +115,9 @@ def overview(series: Sequence[Series]) -> "Figure":
                 member, style = series[index], arrangement.looks[index]
                 if member.fits:
                     fit = next(iter(member.fits.values()))
-                    diameters = np.linspace(min(member.diameters), max(member.diameters), 200)
-                    _law(ax, fit, diameters, power, color=style["color"], linestyle=style["linestyle"])
-                shift = step * (arrangement.places[index] - (arrangement.together - 1) / 2)
+                    orifices = np.linspace(min(member.orifices), max(member.orifices), 200)
+                    _law(ax, fit, orifices, power, color=style["color"], linestyle=style["linestyle"])
+                shift = step * (arrangement.ranks[index] - (arrangement.together - 1) / 2)
                 shape = {"color": style["color"], "marker": style["marker"], "label": member.label}
                 _points(ax, member.points, member.flagged, power, shift=shift, **shape)
             ax.set_title(mathtext(verbatim(title)))
@@ -132,33 +132,33 @@ def overview(series: Sequence[Series]) -> "Figure":
 
 def side_by_side(series: Sequence[Series]) -> bool:
     """True if two series have a point at the same orifice."""
-    diameters = [D for each_series in series for D in set(each_series.diameters)]
-    return len(set(diameters)) < len(diameters)
+    orifices = [D for each_series in series for D in set(each_series.orifices)]
+    return len(set(orifices)) < len(orifices)
 
 
 def _apart(series: Sequence[Series], together: int) -> float:
     """Distance [mm] of points of neighbouring series at one orifice; all `together` of a panel take a third of the
     distance to the next orifice at most."""
-    diameters = sorted({D * 1e3 for each_series in series for D in each_series.diameters})
-    if not side_by_side(series) or len(diameters) < 2:
+    orifices = sorted({D * 1e3 for each_series in series for D in each_series.orifices})
+    if not side_by_side(series) or len(orifices) < 2:
         return 0.0
-    nearest = float(np.diff(diameters).min())
-    return min(0.012 * (diameters[-1] - diameters[0]), nearest / 3 / together)
+    nearest = float(np.diff(orifices).min())
+    return min(0.012 * (orifices[-1] - orifices[0]), nearest / 3 / together)
 
 
 def _bands(ax: "Axes", series: Series, power: float) -> None:
     """95 % bands of each law and of one more point, from the smallest to the largest fitted orifice, within the frame
     that points and curves have set: the band of a law which these orifices do not determine has no bounds."""
     frame = ax.get_ylim()
-    for place, (law, fit) in enumerate(series.fits.items()):
+    for index, (law, fit) in enumerate(series.fits.items()):
         D = np.linspace(fit.D.min(), fit.D.max(), 200)
         _, *of_law = fit.band(D)
         _, *of_point = fit.band(D, new_point=True)
         law_ends, point_ends = (
             [np.minimum(_scaled(end, power), 2 * frame[1]) for end in ends] for ends in (of_law, of_point)
         )
-        band(ax, D * 1e3, law_ends, point_ends, COLOURS[_FITS.get(law, 3 + place)])
-        if place == 0:
+        band(ax, D * 1e3, law_ends, point_ends, COLOURS[_FITS.get(law, 3 + index)])
+        if index == 0:
             _name_bands(ax, float(D[-1]) * 1e3, float(law_ends[1][-1]), float(point_ends[1][-1]), frame)
     ax.set_ylim(frame)
 
@@ -226,13 +226,13 @@ def _reference(ax: "Axes", theirs: Sequence[Comparison], source: str, power: flo
     """Flow rates of the reference, with 95 % intervals where their errors are known."""
     for marker, says in zip(cycle("Ds^v"), dict.fromkeys(c.says for c in theirs), strict=False):
         some = [c for c in theirs if c.says == says]
-        places = [float(c.at[ORIFICE]) * 1e3 for c in some]
+        orifices_mm = [float(c.at[ORIFICE]) * 1e3 for c in some]
         rates = np.array([c.reference for c in some])
         values, half = _scaled(rates, power), NORMAL * np.array([c.reference_error or 0.0 for c in some])
         ends = np.abs([_scaled(end, power) - values for end in (rates - half, rates + half)])
         look = {"marker": marker, "markersize": 6, "markerfacecolor": "none", "linestyle": "none", "zorder": 4}
-        ax.plot(places, values, color=INK, label=verbatim(f"{source}, {says}" if says else source), **look)
-        ax.errorbar(places, values, ends, color=INK, fmt="none", elinewidth=0.7, zorder=4)
+        ax.plot(orifices_mm, values, color=INK, label=verbatim(f"{source}, {says}" if says else source), **look)
+        ax.errorbar(orifices_mm, values, ends, color=INK, fmt="none", elinewidth=0.7, zorder=4)
 
 
 def _their_residuals(ax: "Axes", theirs: Sequence[Comparison], fit: FitResult) -> None:
@@ -279,12 +279,12 @@ def _points(
             ends = (low, high) if math.isfinite(pooled.half_width) else (-math.inf, math.inf)
             hollow = result.hollow or result.identity in flagged
             point(ax, result.orifice * 1e3 + shift, value, ends, color=color, hollow=hollow, marker=marker, zorder=3)
-    places = [(one.orifice * 1e3 + shift, one.lacking if words else "") for one in points if one.flow_rate is None]
-    crosses(ax, places, color)
+    marks = [(one.orifice * 1e3 + shift, one.lacking if words else "") for one in points if one.flow_rate is None]
+    crosses(ax, marks, color)
 
 
-def _residuals(ax: "Axes", series: Series, law: str, color: str, place: int) -> None:
-    offset = 0.35 * (place - (len(series.fits) - 1) / 2)  # mm: side by side, not on top of each other
+def _residuals(ax: "Axes", series: Series, law: str, color: str, index: int) -> None:
+    offset = 0.35 * (index - (len(series.fits) - 1) / 2)  # mm: side by side, not on top of each other
     hollow = {result.orifice for result in series.points if result.hollow or result.identity in series.flagged}
     for residual in series.residuals(law):
         x, value, half, error = (
@@ -295,7 +295,7 @@ def _residuals(ax: "Axes", series: Series, law: str, color: str, place: int) -> 
         )
         look = {
             "color": color,
-            "marker": MARKERS[place],
+            "marker": MARKERS[index],
             "markersize": 3,
             "hollow": residual.orifice in hollow,
             "elinewidth": 0.7,

@@ -47,8 +47,8 @@ def parameters_against(key: str, law: str, series: Sequence[Series], comparisons
                     _draw(ax, float(fitted_series.at[key]) * scale, estimate, notation.scale, looks[group])
             for entry in comparisons:
                 if entry.quantity == f"{law}.{parameter}" and key in entry.at:
-                    place, value = float(entry.at[key]) * scale, entry.reference * notation.scale
-                    ax.plot(place, value, marker="D", markersize=5, color=INK, markerfacecolor="none", zorder=4)
+                    x, value = float(entry.at[key]) * scale, entry.reference * notation.scale
+                    ax.plot(x, value, marker="D", markersize=5, color=INK, markerfacecolor="none", zorder=4)
         for ax in axes:
             ax.ticklabel_format(axis="y", useOffset=False)
         for ax in axes[len(names) :]:
@@ -64,9 +64,9 @@ def parameters_against(key: str, law: str, series: Sequence[Series], comparisons
     return figure
 
 
-def _draw(ax: "Axes", place: float, parameter: Parameter, scale: float, style: Mapping[str, Any]) -> None:
+def _draw(ax: "Axes", x: float, parameter: Parameter, scale: float, style: Mapping[str, Any]) -> None:
     ends = parameter.low * scale, parameter.high * scale
-    point(ax, place, parameter.value * scale, ends, color=style["color"], marker=style["marker"])
+    point(ax, x, parameter.value * scale, ends, color=style["color"], marker=style["marker"])
 
 
 def _legend(groups: Sequence[str]) -> list:

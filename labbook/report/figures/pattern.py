@@ -85,12 +85,12 @@ def _vectors(ax: "Axes", flowing: Flowing, norm) -> None:
     # in ink: the light colours of fast grains would vanish on white, on screen and in grey
     arrows = ax.quiver(x * 1e3, z * 1e3, u * shrink, w * shrink, color=INK, **arrow)
     digit = float(f"{norm.vmax / 2:.1g}")
-    for speed, place in ((digit / 10, 0.4), (digit, 0.87)):
+    for speed, height in ((digit / 10, 0.4), (digit, 0.87)):
         # The arrow alone: a key's own label takes no room in the layout. As an image it is lost in SVG and PDF.
-        ax.quiverkey(arrows, place, _KEY, math.sqrt(speed), "", labelpos="W", coordinates="axes", rasterized=False)
+        ax.quiverkey(arrows, height, _KEY, math.sqrt(speed), "", labelpos="W", coordinates="axes", rasterized=False)
         ax.annotate(
             f"{speed:g} m/s",
-            (place, _KEY),
+            (height, _KEY),
             (-6, 0),
             "axes fraction",
             "offset points",
@@ -151,8 +151,8 @@ def draw_walls(ax: "Axes", flowing: Flowing, top: float) -> None:
     ax.set_axis_on()
     ax.spines[:].set_visible(False)
     ax.locator_params(nbins=5)
-    place = ax.get_subplotspec()
-    first, last = place is None or place.is_first_col(), place is None or place.is_last_row()
+    subplot = ax.get_subplotspec()
+    first, last = subplot is None or subplot.is_first_col(), subplot is None or subplot.is_last_row()
     ax.tick_params(left=first, labelleft=first, bottom=last, labelbottom=last)
     ax.set_ylabel("z [mm]" if first else "")
     ax.set_xlabel("x [mm]" if last else "")

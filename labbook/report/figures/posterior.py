@@ -73,7 +73,7 @@ def _pair(ax: "Axes", calibration: CalibrationResults, pair: tuple[int, int], dr
     counts = gaussian_filter(np.histogram2d(draws[:, pair[0]], draws[:, pair[1]], edges)[0], _SMOOTHED, mode="reflect")
     ordered = np.sort(counts.ravel())[::-1]
     mass = np.cumsum(ordered) / ordered.sum()
-    levels = sorted({float(ordered[int(np.searchsorted(mass, part))]) for part in (0.95, 0.5)})
+    levels = sorted({float(ordered[int(np.searchsorted(mass, probability))]) for probability in (0.95, 0.5)})
     middle = [_middle(axis, edge) for axis, edge in zip((across, up), edges, strict=True)]
     ax.contourf(*middle, counts.T, levels=[*levels, counts.max() + 1], colors=[COLOURS[0]], alpha=0.3)
     ax.contour(*middle, counts.T, levels=levels, colors=[COLOURS[0]], linewidths=0.8)
@@ -108,8 +108,8 @@ def _range(ax: "Axes", letter: Literal["x", "y"], axis: Axis) -> None:
     if axis.logarithmic:
         ticks.set_minor_formatter(NullFormatter())
         if high / low < _DECADE:
-            places = [tick for tick in MaxNLocator(4).tick_values(low, high) if low <= tick <= high]
-            ticks.set_major_locator(FixedLocator(places))
+            tick_values = [tick for tick in MaxNLocator(4).tick_values(low, high) if low <= tick <= high]
+            ticks.set_major_locator(FixedLocator(tick_values))
             ticks.set_major_formatter(ScalarFormatter())
     else:
         ticks.set_major_locator(MaxNLocator(4))

@@ -78,9 +78,9 @@ def residence_distributions(points: Sequence[PooledCurve]) -> "Figure":
         figure = Figure(figsize=(PAGE, 58 * MILLIMETRE))
         left, right = figure.subplots(1, 2)
         for k, pooled in enumerate(points):
-            color, mean = COLOURS[k % len(COLOURS)], pooled.parts.mean(axis=0)
-            for part in pooled.parts if len(pooled.parts) > 1 else ():
-                left.plot(pooled.age, part, color=color, alpha=0.35, linewidth=0.5)
+            color, mean = COLOURS[k % len(COLOURS)], pooled.fractions.mean(axis=0)
+            for curve in pooled.fractions if len(pooled.fractions) > 1 else ():
+                left.plot(pooled.age, curve, color=color, alpha=0.35, linewidth=0.5)
             left.plot(pooled.age, mean, color=color, label=verbatim(pooled.result.label))
             right.stairs(np.diff(mean) / np.diff(pooled.age), pooled.age, color=color)
         left.axhline(1.0, color=FAINT, linewidth=0.6, zorder=0)

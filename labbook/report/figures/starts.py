@@ -38,14 +38,14 @@ def parameters_against_start(
                 bare = {"linestyle": "none", "markerfacecolor": "none"}
                 line = []
                 for at, parameter in parameters_at(starts, member, law, name):
-                    place = at.opens if at.window.auto else at.window.start
+                    abscissa = at.opens if at.window.auto else at.window.start
                     value, error = parameter.value * symbol.scale, parameter.error * symbol.scale
                     if at.window.auto:
-                        ax.errorbar(place, value, yerr=error, **{**style, **bare, "markersize": 4})
+                        ax.errorbar(abscissa, value, yerr=error, **{**style, **bare, "markersize": 4})
                     else:
-                        line.append((place, value, error))
+                        line.append((abscissa, value, error))
                     if at.of_study:
-                        ax.plot(place, value, marker="o", markersize=8, color=style["color"], **bare)
+                        ax.plot(abscissa, value, marker="o", markersize=8, color=style["color"], **bare)
                 if line:
                     x, y, bars = zip(*line, strict=True)
                     ax.errorbar(x, y, yerr=bars, markersize=3, label=member.label, **style)

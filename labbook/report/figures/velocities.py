@@ -31,10 +31,10 @@ def outlet_velocities(points: Sequence[PooledProfile]) -> "Figure":
         axes = figure.subplots(lines, columns, squeeze=False, sharey=True)
         for ax, pooled in zip(axes.flat, points, strict=False):
             middle = (pooled.edges[1:] + pooled.edges[:-1]) / 2 * 1e3
-            for place, name in enumerate(pooled.names):
-                bars = pooled.half_width[place] * 1e3
-                style = {"color": COLOURS[place], "marker": MARKERS[place], "markersize": 3, "elinewidth": 0.7}
-                velocity = pooled.velocity[place] * 1e3
+            for index, name in enumerate(pooled.names):
+                bars = pooled.half_width[index] * 1e3
+                style = {"color": COLOURS[index], "marker": MARKERS[index], "markersize": 3, "elinewidth": 0.7}
+                velocity = pooled.velocity[index] * 1e3
                 ax.errorbar(middle, velocity, yerr=np.nan_to_num(bars), label=verbatim(name), **style)
             ax.set_title("\n".join(textwrap.wrap(verbatim(pooled.result.label), _TITLE)))
             ax.set_ylim(bottom=0)

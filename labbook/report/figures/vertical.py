@@ -22,9 +22,9 @@ def vertical_stress(stress: VerticalStress) -> "Figure":
         figure = Figure(figsize=(COLUMN, 0.8 * COLUMN))
         ax = figure.subplots()
         sources = ((stress.field, "o", "full", "contacts in the bed"), (stress.walls, "s", "none", "weight less walls"))
-        for place, (rows, marker, fill, label) in enumerate(sources):
+        for source_index, (rows, marker, fill, label) in enumerate(sources):
             bars = rows.std(axis=0, ddof=1) / np.sqrt(len(rows)) * _KILO if len(rows) > 1 else None
-            style = {"color": COLOURS[place], "marker": marker, "fillstyle": fill, "markersize": 4}
+            style = {"color": COLOURS[source_index], "marker": marker, "fillstyle": fill, "markersize": 4}
             ax.errorbar(
                 rows.mean(axis=0) * _KILO, stress.z * 1e3, xerr=bars, linestyle="", elinewidth=0.7, label=label, **style
             )

@@ -17,7 +17,7 @@ from labbook_toy import Backend
 from toy_lab import study, study_file
 
 import labbook
-from labbook.export.film import film, shows, source_of_film
+from labbook.export.film import film, is_film_of, source_of_film
 from labbook.export.frames import NotRecorded
 from labbook.lab import Catalogue, RunRecord
 from labbook.lab.folder import remove
@@ -46,7 +46,7 @@ def found(tmp_path_factory):
 
 
 def lab_of(found: labbook.Results) -> labbook.Lab:
-    return labbook.Lab(found.place.folder, found.backend)
+    return labbook.Lab(found.lab_folder.folder, found.backend)
 
 
 def loaded_by(code: str) -> set[str]:
@@ -85,7 +85,7 @@ def public(thing: type) -> list[str]:
 
 NAMED = {"Study", "Lab", "Results", "Run", "FitResult", "Summary"}
 """Classes made for Python, of which the page says everything; others have more than is public."""
-INNER = {"Study": {"numerics"}, "Lab": {"place"}, "FitResult": {"chi2_reduced"}}
+INNER = {"Study": {"numerics"}, "Lab": {"lab_folder"}, "FitResult": {"chi2_reduced"}}
 
 
 @pytest.mark.parametrize("name", [name for name in labbook.__all__ if name != "__version__"])
@@ -293,7 +293,7 @@ def test_a_study_may_ask_for_films_which_are_made_once(tmp_path, monkeypatch):
     (path,) = (tmp_path / "lab/films/toy-study").iterdir()
     assert path.name == "point-1-seed-1-toy-layers.webp"
     (run,) = (run for run in lab.results(asked, progress=False).runs if run.recorded)
-    assert shows(path, source_of_film(RunRecord.read(run.folder)))
+    assert is_film_of(path, source_of_film(RunRecord.read(run.folder)))
     before = path.stat().st_mtime_ns
     lab.run(asked, progress=False)
     assert path.stat().st_mtime_ns == before

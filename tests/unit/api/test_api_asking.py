@@ -24,7 +24,7 @@ ORIFICES = (0.018, 0.024, 0.03, 0.036)
 def results_of(synthetic, points) -> labbook.Results:
     """Results of points with two runs each."""
     runs = [synthetic.FinishedDouble(one, seed) for one in points for seed in (1, 2)]
-    kind = partial(labbook.Results, place=LabFolder(Path("nowhere")), backend="numba")
+    kind = partial(labbook.Results, lab_folder=LabFolder(Path("nowhere")), backend="numba")
     return analyse(synthetic.study_of(points, replicates=2, reference=None, fit=("beverloo",)), runs, kind=kind)
 
 

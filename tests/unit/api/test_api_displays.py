@@ -105,7 +105,7 @@ def test_points_traces_and_labs_have_a_display(found):
     )
     assert len(repr(trace)) < 200
     assert words(trace) in words(found.run(2))
-    lab = labbook.Lab(found.place.folder, found.backend)
+    lab = labbook.Lab(found.lab_folder.folder, found.backend)
     assert "toy-study toy finished 8" in words(lab)
     assert "8 runs" in words(lab)
 

@@ -26,7 +26,7 @@ def survivor(synthetic):
         for one in points
         for seed in (1, 2, 3)
     ]
-    kind = partial(labbook.Results, place=LabFolder(Path("nowhere")), backend="numba")
+    kind = partial(labbook.Results, lab_folder=LabFolder(Path("nowhere")), backend="numba")
     return analyse(synthetic.study_of(points, replicates=3, reference=None, fit=()), runs, kind=kind)
 
 

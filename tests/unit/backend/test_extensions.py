@@ -15,8 +15,8 @@ from labbook import plugins
 from labbook.backend import load as load_backend
 from labbook.checks import doctor
 from labbook.checks.verify.cases import EVERY, select_cases
+from labbook.checks.verify.platform import Platform
 from labbook.checks.verify.show import judge_all
-from labbook.checks.verify.stand import Stand
 from labbook.cli.options import explanation
 from labbook.filling.placing import Start
 from labbook.fit import LAWS, Law
@@ -312,7 +312,7 @@ class Own(Case):
 def test_a_case_that_fails_to_run_is_a_failed_verdict_with_the_reason(put):
     put(EVERY, "labbook.cases", "case", CASE)
     assert [case.name for case in select_cases(["rebound"])] == ["rebound"]
-    (verdict,) = judge_all(select_cases(["rebound"]), Stand(load_backend("reference")))
+    (verdict,) = judge_all(select_cases(["rebound"]), Platform(load_backend("reference")))
     assert verdict.result == "failed"
     assert verdict.note.startswith("case rebound of bed-extras 0.1: AttributeError: 'Stand' object has no attribute")
     assert verdict.note.endswith("(bed_extras/case.py, line 3)")

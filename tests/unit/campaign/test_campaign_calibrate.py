@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from learning import FRICTION, OUTLET, PRIORS, ROLLING, Bench, coverage, draw_measurements, flow_and_fraction
+from learning import FRICTION, OUTLET, PRIORS, ROLLING, SyntheticStudy, coverage, draw_measurements, flow_and_fraction
 
 from labbook.campaign import Calibrate, Campaign, Generation, Inference, Measurement, NotInferred, Prior
 from labbook.campaign.campaign import Proposed
@@ -41,19 +41,19 @@ def ridge(at):
 
 
 @pytest.fixture(scope="module")
-def on_ridge() -> tuple[Bench, Campaign, Inference]:
-    bench = Bench(ridge, 1)
+def on_ridge() -> tuple[SyntheticStudy, Campaign, Inference]:
+    synthetic = SyntheticStudy(ridge, 1)
     one = goal((value("flow_rate", 0.05 * math.exp(-0.9)),), SUM)
-    campaign = bench.campaign(one)
-    return bench, campaign, one.infer(bench.study, bench.trials, ("packing_fraction",))
+    campaign = synthetic.campaign(one)
+    return synthetic, campaign, one.infer(synthetic.study, synthetic.trials, ("packing_fraction",))
 
 
 def test_one_parameter_has_the_posterior_of_the_closed_form():
     """A1: of a straight line the posterior is normal, with the errors of the measurement and of the emulator."""
-    bench = Bench(exponential, 1)
+    synthetic = SyntheticStudy(exponential, 1)
     one = goal((value("flow_rate", 0.05 * math.exp(-0.5)),), {FRICTION: Prior(low=0.1, high=0.9)})
-    bench.campaign(one)
-    inference = one.infer(bench.study, bench.trials)
+    synthetic.campaign(one)
+    inference = one.infer(synthetic.study, synthetic.trials)
     width = 0.8 * math.sqrt(inference.posterior.covariance[0, 0])
     mean = 0.1 + 0.8 * float(inference.posterior.mean[0])
     assert width == pytest.approx(0.02, rel=0.02 + inference.share / 2)
@@ -65,7 +65,7 @@ def test_the_ridge_is_reported(on_ridge):
     """A4: along the ridge the posterior is as wide as the prior; across it as narrow as the measurement: 2 % of W are
     0.02 in the sum, and 0.02/0.8/√2 in the direction across."""
     _, _, inference = on_ridge
-    parts = inference.ridge.parts
+    parts = inference.ridge.components
     assert parts[FRICTION] == pytest.approx(-parts[ROLLING], rel=0.1)
     assert inference.ridge.remaining == 1
     across = np.array([1, 1]) / math.sqrt(2)
@@ -76,12 +76,12 @@ def test_the_ridge_is_reported(on_ridge):
 
 def test_the_next_experiment_breaks_the_ridge(on_ridge):
     """The packing fraction, which the runs have and nobody measured; and it does: the posterior is narrow then."""
-    bench, _, inference = on_ridge
+    synthetic, _, inference = on_ridge
     best, second, *_ = inference.experiments()
     assert best.quantity == "packing_fraction"
     assert best.gain > 1.5 * second.gain
     fraction = value("packing_fraction", 0.6 * math.exp(-0.08), 0.005)
-    broken = goal((value("flow_rate", 0.05 * math.exp(-0.9)), fraction), SUM).infer(bench.study, bench.trials)
+    broken = goal((value("flow_rate", 0.05 * math.exp(-0.9)), fraction), SUM).infer(synthetic.study, synthetic.trials)
     assert broken.ridge.remaining < 0.3
     assert broken.intervals()[ROLLING].median == pytest.approx(0.04, abs=0.005)
 
@@ -97,30 +97,30 @@ def test_sobol_indices_are_those_of_the_law(on_ridge):
 
 def test_there_is_no_answer_from_a_poor_emulator():
     """With the runs of the start and a measurement to 0.5 %, what is missing is said; the campaign goes on."""
-    bench = Bench(flow_and_fraction, 1)
+    synthetic = SyntheticStudy(flow_and_fraction, 1)
     one = goal(draw_measurements(TRUTH, np.random.default_rng(1), error=0.005))
-    (start,) = [Generation(0, one.start(bench.study).assignments, "")]
-    inference = one.infer(bench.study, bench.evaluate(start))
+    (start,) = [Generation(0, one.start(synthetic.study).assignments, "")]
+    inference = one.infer(synthetic.study, synthetic.evaluate(start))
     assert inference.share > 0.25
     assert "and 0.25 is allowed" in inference.lacking()
-    assert one.step(bench.study, bench.trials).proposal.state == "go"
+    assert one.step(synthetic.study, synthetic.trials).proposal.state == "go"
 
 
 @pytest.fixture(scope="module")
-def stopped() -> tuple[Bench, Calibrate, Campaign]:
+def stopped() -> tuple[SyntheticStudy, Calibrate, Campaign]:
     """A campaign a tenth of whose runs clog or diverge, with a measurement that is withheld."""
     *outer, fraction = draw_measurements(TRUTH, np.random.default_rng(4))
     held = outer[1].model_copy(update={"withheld": True})
-    bench = Bench(flow_and_fraction, 2, stops=0.1)
+    synthetic = SyntheticStudy(flow_and_fraction, 2, stops=0.1)
     one = goal((outer[0], held, outer[2], fraction), predict=(held.at,))
-    return bench, one, bench.campaign(one)
+    return synthetic, one, synthetic.campaign(one)
 
 
 @pytest.mark.slow
 def test_stopped_runs_are_left_out_and_counted(stopped):
     """A7: those that clog have a flow rate that is 30 % low, and do no harm."""
-    bench, one, campaign = stopped
-    inference = one.infer(bench.study, bench.trials)
+    synthetic, one, campaign = stopped
+    inference = one.infer(synthetic.study, synthetic.trials)
     clogged, runs = inference.clogged()
     assert 0 < clogged < 0.2 * runs
     assert "Promise kept" in (campaign.ended or "")
@@ -131,30 +131,30 @@ def test_stopped_runs_are_left_out_and_counted(stopped):
 
 @pytest.mark.slow
 def test_clogged_runs_at_likely_parameters_end_the_answer(stopped):
-    bench, one, _ = stopped
+    synthetic, one, _ = stopped
     stuck = [
         trial if index % 2 else trial.__class__(trial.at, trial.seed, trial.key, "clogged")
-        for index, trial in enumerate(bench.trials)
+        for index, trial in enumerate(synthetic.trials)
     ]
-    assert "clogged, so the others are a biased sample" in one.infer(bench.study, stuck).lacking()
+    assert "clogged, so the others are a biased sample" in one.infer(synthetic.study, stuck).lacking()
 
 
 def test_too_few_values_are_told():
-    bench = Bench(lambda at: {"flow_rate": (math.nan, 0.0)}, 1)
+    synthetic = SyntheticStudy(lambda at: {"flow_rate": (math.nan, 0.0)}, 1)
     one = goal(draw_measurements(TRUTH, np.random.default_rng(1)))
-    campaign = bench.campaign(one)
+    campaign = synthetic.campaign(one)
     assert "flow_rate has a value in 0 of" in (campaign.ended or "")
     with pytest.raises(NotInferred, match="too few for an emulator"):
-        one.infer(bench.study, bench.trials)
+        one.infer(synthetic.study, synthetic.trials)
 
 
 def test_it_proposes_the_same_from_any_generation_on(on_ridge):
     """A8: killed after any generation, with what was kept or without."""
-    bench, whole, _ = on_ridge
+    synthetic, whole, _ = on_ridge
     for number in range(len(whole.generations)):
         kept = Proposed(tuple(Generation(g.number, g.assignments, g.reason) for g in whole.generations[:number]))
-        again = Campaign(whole.strategy, bench.study, kept)
-        again.advance(bench.evaluate)
+        again = Campaign(whole.strategy, synthetic.study, kept)
+        again.advance(synthetic.evaluate)
         assert (again.generations, again.ended) == (whole.generations, whole.ended)
 
 
@@ -163,17 +163,17 @@ def test_shared_beds_are_paid_for():
     friction still lies in its interval."""
     shared = np.random.default_rng(9).normal(size=400)
 
-    class Shared(Bench):
+    class Shared(SyntheticStudy):
         def run(self, at, seed):
             trial = super().run(at, seed)
             numbers = {name: number * math.exp(0.02 * shared[seed]) for name, number in trial.numbers.items()}
             return trial.__class__(trial.at, trial.seed, trial.key, trial.outcome, numbers)
 
-    bench = Shared(exponential, 1)
+    synthetic = Shared(exponential, 1)
     one = goal((value("flow_rate", 0.05 * math.exp(-0.5)),), {FRICTION: Prior(low=0.1, high=0.9)}, batch=16)
-    campaign = bench.campaign(one)
+    campaign = synthetic.campaign(one)
     assert any("beds more at a likely point" in line for line in campaign.lines)
-    inference = one.infer(bench.study, [bench.run(trial.at, trial.seed) for trial in bench.trials])
+    inference = one.infer(synthetic.study, [synthetic.run(trial.at, trial.seed) for trial in synthetic.trials])
     assert inference.intervals()[FRICTION].low < 0.5 < inference.intervals()[FRICTION].high
 
 
@@ -183,24 +183,24 @@ def test_beds_are_not_added_for_an_emulator_that_is_good_enough():
     flow rate is not known well enough, and not without end to further beds of one point."""
     shared = np.random.default_rng(9).normal(size=3000)
 
-    class Packed(Bench):
+    class Packed(SyntheticStudy):
         def run(self, at, seed):
             trial = super().run(at, seed)
             numbers = trial.numbers | {"packing_fraction": 0.6 * math.exp(-0.5 * at[ROLLING] + 0.005 * shared[seed])}
             return trial.__class__(trial.at, seed, trial.key, trial.outcome, numbers)
 
-    bench = Packed(flow_and_fraction, 1)
+    synthetic = Packed(flow_and_fraction, 1)
     *rates, _ = draw_measurements(TRUTH, np.random.default_rng(3))
     one = goal((*rates, value("packing_fraction", 0.6, **rates[-1].at)))
-    campaign = bench.campaign(one)
+    campaign = synthetic.campaign(one)
     assert not any("beds more at a likely point" in line for line in campaign.lines)
     assert "Promise kept" in (campaign.ended or "")
 
 
 @pytest.mark.slow
 def test_a_withheld_measurement_is_predicted(stopped):
-    bench, one, _ = stopped
-    (prediction,) = one.infer(bench.study, bench.trials).predictions()
+    synthetic, one, _ = stopped
+    (prediction,) = one.infer(synthetic.study, synthetic.trials).predictions()
     assert prediction.measured == one.measurements[1].value
     assert prediction.at == {OUTLET: 0.03}
     assert prediction.agrees

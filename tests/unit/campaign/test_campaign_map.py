@@ -4,7 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from learning import ANGLE, FRICTION, KEYS, OUTLET, RANGES, Bench, hopper, maps
+from learning import ANGLE, FRICTION, KEYS, OUTLET, RANGES, SyntheticStudy, hopper, maps
 from toy_lab import labbook, study, study_file
 
 from labbook.campaign import Campaign, Generation, Map
@@ -16,9 +16,9 @@ GOAL = "adapt: {map: {flow_rate: 10 %, over: [container.orifice, grains.density]
 SWEEP = "sweep: {container.orifice: '[18, 30] mm', grains.density: '[1500, 3000] kg/m^3'}"
 
 
-def bench(law=hopper, seed: int = 1, stops: float = 0.0) -> Bench:
+def synthetic(law=hopper, seed: int = 1, stops: float = 0.0) -> SyntheticStudy:
     """A study that sweeps friction, angle and outlet."""
-    made = Bench(law, seed, stops)
+    made = SyntheticStudy(law, seed, stops)
     scene = made.study.points[0].scene
     ends = zip(*(RANGES[key] for key in KEYS), strict=True)
     made.study.points = [SimpleNamespace(at=dict(zip(KEYS, end, strict=True)), scene=scene) for end in ends]
@@ -26,9 +26,9 @@ def bench(law=hopper, seed: int = 1, stops: float = 0.0) -> Bench:
 
 
 @pytest.fixture(scope="module")
-def mapped() -> tuple[Bench, Campaign]:
+def mapped() -> tuple[SyntheticStudy, Campaign]:
     """A map to 5 %, with a tenth of the runs clogged or diverged."""
-    there = bench(stops=0.1)
+    there = synthetic(stops=0.1)
     return there, there.campaign(Map(quantity="flow_rate", error=0.05, over=KEYS, on=0.95))
 
 
@@ -62,7 +62,7 @@ def test_every_generation_has_new_runs(mapped):
 
 
 def test_a_range_that_clogs_has_no_map():
-    campaign = bench(stops=0.9).campaign(Map(quantity="flow_rate", error=0.05, over=KEYS, on=0.95))
+    campaign = synthetic(stops=0.9).campaign(Map(quantity="flow_rate", error=0.05, over=KEYS, on=0.95))
     assert "runs clogged, so the others are a biased sample" in (campaign.ended or "")
 
 
@@ -80,7 +80,7 @@ def test_a_broken_promise_is_told(mapped):
 
 def test_a_budget_ends_it():
     goal = Map(quantity="flow_rate", error=0.01, over=KEYS, on=0.95, budget=120)
-    assert "the budget of 120 runs does not allow more" in (bench().campaign(goal).ended or "")
+    assert "the budget of 120 runs does not allow more" in (synthetic().campaign(goal).ended or "")
 
 
 @pytest.mark.ring

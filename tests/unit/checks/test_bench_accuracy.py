@@ -4,18 +4,18 @@ import math
 
 import numpy as np
 import pytest
-from stands import stands
+from platforms import platforms
 
 from labbook.checks.bench import contacts
 from labbook.checks.bench.contacts import SITUATIONS, at_floor, errors, head_on, measure
 from labbook.checks.bench.order import fit_order
 from labbook.checks.verify.materials import EVERY_LAW
 from labbook.checks.verify.planar import PlanarLaw
-from labbook.checks.verify.stand import Stand
+from labbook.checks.verify.platform import Platform
 
 STEPS = (20, 40, 80, 160, 320, 640)
-NUMBA = next(one for one in stands() if one.backend.capabilities.name == "numba" and one.precision == "double")
-REFERENCE = next(one for one in stands() if one.backend.capabilities.name == "reference")
+NUMBA = next(one for one in platforms() if one.backend.capabilities.name == "numba" and one.precision == "double")
+REFERENCE = next(one for one in platforms() if one.backend.capabilities.name == "reference")
 
 
 def test_order_of_a_power_is_its_exponent():
@@ -110,7 +110,7 @@ def test_a_contact_that_lammps_law_lets_slide_at_once_keeps_a_spring_against_its
 @pytest.mark.parametrize("situation", [one for one in SITUATIONS if one.rods], ids=lambda one: one.name)
 def test_impacts_of_rods_come_nearer_to_the_integration(situation):
     """In proportion to the step; between parallel rods, where the contact jumps from end to end, only somehow."""
-    stand = Stand(NUMBA.backend)
+    platform = Platform(NUMBA.backend)
     (impact,) = situation.make(EVERY_LAW["linear"])
-    coarse, fine = (np.abs(errors(stand, impact, impact.parted(), steps, 4)).max(1).mean() for steps in (40, 2560))
+    coarse, fine = (np.abs(errors(platform, impact, impact.parted(), steps, 4)).max(1).mean() for steps in (40, 2560))
     assert fine < (0.5 if "parallel" in situation.name else 0.03) * coarse

@@ -21,7 +21,7 @@ def plain(v) -> np.ndarray:
 def test_points_and_springs_go_into_the_frame_of_a_part_and_back():
     pose = MOTION.poses(STEPS * DT)
     body = poses.in_part(TABLE, 1, 0, vec3(*POINT))
-    assert pose.places(1, plain(body)[None])[0] == pytest.approx(POINT, abs=1e-15)
+    assert pose.positions(1, plain(body)[None])[0] == pytest.approx(POINT, abs=1e-15)
     assert plain(poses.inwards(TABLE, 1, 0, vec3(*POINT))) == pytest.approx(pose.turn[1].T @ POINT, abs=1e-15)
     there = poses.spring_outwards(TABLE, 1, 0, poses.spring_inwards(TABLE, 1, 0, vec3(*POINT)))
     assert plain(there) == pytest.approx(POINT, abs=1e-15)
@@ -30,7 +30,7 @@ def test_points_and_springs_go_into_the_frame_of_a_part_and_back():
 def test_velocities_are_those_of_the_point_of_the_part():
     """Half a step before by the way of the last step; at the opening that of now. Errors of differences are of dt^2."""
     body = plain(poses.in_part(TABLE, 1, 0, vec3(*POINT)))
-    before, now, after = (MOTION.poses(STEPS * DT).places(k, body[None])[0] for k in range(3))
+    before, now, after = (MOTION.poses(STEPS * DT).positions(k, body[None])[0] for k in range(3))
     v = plain(poses.part_velocity(TABLE, 1, 0, vec3(*POINT)))
     assert v == pytest.approx((after - before) / (2 * DT), abs=1e-3 * float(np.linalg.norm(v)))
     earlier = plain(poses.part_velocity_before(TABLE, 1, 0, vec3(*POINT), DT, 41))

@@ -10,7 +10,7 @@ from labbook_reference import Backend
 
 from labbook.backend.probes import Traction
 from labbook.checks.verify.materials import D, G, hertz, linear, scene
-from labbook.checks.verify.stand import MemberStart, Stand, grains_at
+from labbook.checks.verify.platform import MemberStart, Platform, grains_at
 from labbook.scene import (
     CylinderSilo,
     Plane,
@@ -23,7 +23,7 @@ from labbook.scene import (
 )
 from labbook.scene.wall_bins import all_walls, areas, bins_of_walls
 
-STAND = Stand(Backend())
+PLATFORM = Platform(Backend())
 PROBE = Traction(size=2 * D)
 DT = 1e-5
 RESTS = 1e-6
@@ -40,7 +40,7 @@ def walls(*normals, **motion) -> Primitives:
 
 def last(here, start, beats: int = 4, steps: int = 500):
     """Rows of the last frame by wall."""
-    rows = STAND.run(MemberStart(here, DT, start), beats, steps, [PROBE]).rows(PROBE)
+    rows = PLATFORM.run(MemberStart(here, DT, start), beats, steps, [PROBE]).rows(PROBE)
     return {name: np.bincount(rows["wall"], rows[name] * (rows["step"] == rows["step"].max())) for name in rows}
 
 
@@ -100,7 +100,7 @@ def test_unlike_spheres_each_press_with_their_own_weight():
     x = np.array([[0.0, 0.0, 0.0], [0.03, 0.0, 0.0]])
     x[:, 2] = diameter / 2 - weight / law.normal_stiffness
     start = replace(grains_at(x), diameter=diameter, kind=kind)
-    rows = at_rest(here, STAND.numerics(DT), start, PROBE)
+    rows = at_rest(here, PLATFORM.numerics(DT), start, PROBE)
     assert rows["fz"].sum() == pytest.approx(weight.sum(), rel=1e-6)
     assert rows["mx"].sum() == pytest.approx(0.03 * weight[1], rel=1e-6)
 
@@ -109,8 +109,8 @@ def test_a_packing_is_read_as_a_member_at_rest_is():
     """Spheres in a box at rest: the frame after a beat, and the state that it left, read without a backend."""
     here = scene(2, linear(), walls((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)), G)
     x = D / 2 * (1 - 1e-6)
-    motion = STAND.run(MemberStart(here, DT, grains_at([[x, 0.0, x], [3 * D, 0.0, x]])), 6, 500, [PROBE])
-    rows, numerics = motion.rows(PROBE), STAND.numerics(DT, steps_per_beat=500)
+    motion = PLATFORM.run(MemberStart(here, DT, grains_at([[x, 0.0, x], [3 * D, 0.0, x]])), 6, 500, [PROBE])
+    rows, numerics = motion.rows(PROBE), PLATFORM.numerics(DT, steps_per_beat=500)
     seen = at_rest(here, numerics, motion.end, PROBE)
     ended = {name: column[rows["step"] == rows["step"].max()] for name, column in rows.items()}
     assert np.array_equal(seen["wall"], ended["wall"])

@@ -13,7 +13,7 @@ import typer.main
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
-from labbook.cli import VERBS, build
+from labbook.cli import COMMANDS, build
 from labbook.cli.reference import WIDTH, markdown
 
 ROOT = Path(__file__).parents[3]
@@ -42,7 +42,7 @@ def test_docs_commands_is_what_the_help_texts_say():
 def test_every_verb_has_its_section(group):
     sections = set(re.findall(r"^## labbook (\S+)$", markdown(), re.MULTILINE))
     assert sections == set(group.commands)
-    assert {verb.rstrip("_").replace("_", "-") for verb in VERBS} <= sections
+    assert {verb.rstrip("_").replace("_", "-") for verb in COMMANDS} <= sections
 
 
 def test_every_verb_and_option_has_a_help_text(group):

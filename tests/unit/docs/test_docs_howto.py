@@ -40,7 +40,7 @@ def test_clogging_from_yaml_to_its_tables(tmp_path, capsys):
         q = point.probability
         assert isinstance(q, PooledRate)
         assert q.events >= events_needed(0.5) or len(point.result.beds) == 12
-        assert q.low * 0.9 < true[round(point.width, 3)] < q.high * 1.1
+        assert q.low * 0.9 < true[round(point.width_ratio, 3)] < q.high * 1.1
     fit.show(results, as_json=False)  # pyright: ignore[reportArgumentType]
     printed = capsys.readouterr().out
     assert "mean avalanche" in printed

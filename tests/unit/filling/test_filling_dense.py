@@ -89,7 +89,7 @@ def test_grains_of_several_sizes_touch_nothing(grains):
 def test_a_seed_decides_the_start_whatever_was_placed_before():
     closed = scene(STEEP).close()
     first, other = place(closed, "dense", 1), place(closed, "dense", 2)
-    room._COUNTED.clear()
+    room._GRID_RESULTS.clear()
     assert np.array_equal(place(closed, "dense", 1).x, first.x)
     assert not np.isclose(first.x, other.x, rtol=0, atol=1e-6).all(axis=1).any()
 

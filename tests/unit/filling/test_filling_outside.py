@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from labbook import picture
-from labbook.export.wall_shapes import PANE_COLOUR, WALL_COLOUR, drawn_walls
+from labbook.export.wall_shapes import TRANSPARENT_COLOUR, WALL_COLOUR, drawn_walls
 from labbook.filling import PlacingError
 from labbook.filling.bed import astray
 from labbook.filling.leaks import leak
@@ -134,4 +134,4 @@ def test_it_is_recorded_as_the_mesh_that_follows_from_its_distance():
     assert np.ptp(ball, axis=0) == pytest.approx((R, R, R), rel=0.01)
     top = drawn["tube"].mesh.vertices[:, 2].max()
     assert top < 3 * R + 4 * D, "cut a little above the grains"
-    assert (drawn["ball"].colour, drawn["floor"].colour) == (WALL_COLOUR, PANE_COLOUR)
+    assert (drawn["ball"].colour, drawn["floor"].colour) == (WALL_COLOUR, TRANSPARENT_COLOUR)

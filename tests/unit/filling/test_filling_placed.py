@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from labbook.filling import placed as module
-from labbook.filling.placed import Placed
+from labbook.filling import placed_centres as module
+from labbook.filling.placed_centres import PlacedCentres
 
 DISTANCE = 0.15
 
@@ -17,7 +17,7 @@ def gaps(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("steps", [[300], [1] * 40, [100, 1, 30, 0, 5, 200, 2], []])
 def test_nothing_that_is_near_is_missed(steps):
     rng = np.random.default_rng(len(steps))
-    there, asked = Placed(np.empty((0, 3))), rng.random((60, 3))
+    there, asked = PlacedCentres(np.empty((0, 3))), rng.random((60, 3))
     known = np.empty((0, 3))
     for count in steps:
         new = rng.random((count, 3))
@@ -38,7 +38,7 @@ def test_few_more_do_not_make_a_tree_of_all(monkeypatch):
     made, tree = [], spatial.KDTree
     monkeypatch.setattr(spatial, "KDTree", lambda x: made.append(len(x)) or tree(x))
     rng = np.random.default_rng(0)
-    there = Placed(rng.random((10_000, 3)))
+    there = PlacedCentres(rng.random((10_000, 3)))
     for _ in range(100):
         there.add(rng.random((10, 3)))
     assert made[0] == 10_000
@@ -46,6 +46,6 @@ def test_few_more_do_not_make_a_tree_of_all(monkeypatch):
 
 
 def test_a_point_at_the_distance_is_not_in_the_way():
-    there = Placed(np.zeros((1, 3)))
+    there = PlacedCentres(np.zeros((1, 3)))
     asked = np.array([[1.0, 0, 0], [np.nextafter(1.0, 0), 0, 0]])
     assert there.keep(asked, 1.0).tolist() == [True, False]

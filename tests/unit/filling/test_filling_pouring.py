@@ -148,7 +148,7 @@ def test_grains_that_left_enter_again_at_the_rate():
     bed = place(silo.close(), "gas", 1)
     inflow = Inflow(silo, bed, 1, BEAT)
     assert inflow.returning(BedTop.of(bed), 3) is None, "nobody waits"
-    few = bed.part(np.arange(EQUAL.count) < 20)
+    few = bed.subset(np.arange(EQUAL.count) < 20)
     many = [inflow.returning(BedTop.of(few), beat) for beat in range(1, 101)]
     brought = sum(len(part) for part in many if part is not None)
     assert brought == pytest.approx(rate * 100 * BEAT / mass, abs=1)

@@ -33,11 +33,11 @@ def _kept(folder, content=b"x\n1\n"):
 
 def test_the_copy_of_a_study_finds_its_files_in_the_lab(tmp_path):
     lab, key = _kept(tmp_path / "a")
-    assert StudyFolder.of(studies.place(lab, "filled")).attach("start.csv") == key
+    assert StudyFolder.of(studies.study_path(lab, "filled")).attach("start.csv") == key
     assert attached.content(key) == b"x\n1\n"
     studies.keep(lab, "filled", _TEXT)  # a later text names none
     with pytest.raises(AttachedError, match="cannot be read"):
-        StudyFolder.of(studies.place(lab, "filled")).attach("start.csv")
+        StudyFolder.of(studies.study_path(lab, "filled")).attach("start.csv")
     assert attached.content(key) == b"x\n1\n"  # of earlier runs
 
 
@@ -61,7 +61,7 @@ def test_import_brings_the_files_of_studies(tmp_path):
     assert merged.studies == ["filled"]
     assert not merged.left_out
     (theirs.attached / key).unlink()
-    assert StudyFolder.of(studies.place(mine, "filled")).attach("start.csv") == key
+    assert StudyFolder.of(studies.study_path(mine, "filled")).attach("start.csv") == key
     assert attached.content(key) == b"x\n1\n"
 
 

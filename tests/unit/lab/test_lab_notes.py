@@ -26,7 +26,7 @@ def lab(tmp_path) -> LabFolder:
 
 def written(lab: LabFolder, content: bytes) -> Path:
     """A file with a note of the run KEY, as a person may have left it."""
-    path = notes.place(lab, "run", KEY)
+    path = notes.note_path(lab, "run", KEY)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
     return path
@@ -114,7 +114,7 @@ def test_a_text_that_cannot_be_kept_is_refused(lab, text, said):
     with pytest.raises(ValueError) as problem:
         notes.write(lab, "run", KEY, Note(text))
     assert said in str(problem.value)
-    assert not notes.place(lab, "run", KEY).exists()
+    assert not notes.note_path(lab, "run", KEY).exists()
 
 
 def test_the_longest_note_that_is_written_can_be_read(lab):
@@ -217,7 +217,7 @@ def test_show_tells_note_and_tags(full):
 
 def test_show_names_a_damaged_note_and_shows_the_rest(full):
     lab, key, _ = full
-    written_to = notes.place(lab, "run", key)
+    written_to = notes.note_path(lab, "run", key)
     written_to.mkdir(parents=True)
     ended = labbook("show", key, "--lab", lab.folder)
     assert f"Unreadable: {written_to}: " in ended.stderr
@@ -243,7 +243,7 @@ def test_runs_lists_those_with_a_tag(full):
     ended = labbook("runs", "--lab", lab.folder, "--tag", "two words", check=False)
     assert ended.exit_code == 1
     assert "has the character ' '" in ended.output
-    notes.place(lab, "run", key).write_bytes(b"\xff")
+    notes.note_path(lab, "run", key).write_bytes(b"\xff")
     assert "not text in UTF-8" in labbook("runs", "--lab", lab.folder, "--tag", "slow").stderr
 
 
@@ -311,7 +311,7 @@ def test_an_import_brings_notes_along_and_ours_stay(full, tmp_path):
 def test_a_damaged_note_is_not_imported(full, tmp_path, harm):
     theirs, key, _ = full
     ours = LabFolder(tmp_path / "ours")
-    path = notes.place(theirs, "run", key)
+    path = notes.note_path(theirs, "run", key)
     notes.write(theirs, "run", key, Note("theirs"))
     if harm == "link":
         path.unlink()

@@ -105,7 +105,7 @@ def test_a_plan_and_results_keep_nothing(tmp_path, monkeypatch):
     asked, place = load(commented(tmp_path)), Lab(tmp_path / "lab", "toy")
     place.plan(asked)
     place.results(asked, progress=False)
-    assert not studies.study_files(place.place)
+    assert not studies.study_files(place.lab_folder)
 
 
 def test_a_run_goes_on_where_the_text_cannot_be_kept_and_says_so(tmp_path):

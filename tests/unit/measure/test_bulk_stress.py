@@ -11,7 +11,7 @@ pytest.importorskip("numba")
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import TRACTION_SUMS, Contacts, Crossing, Sample
 from labbook.checks.verify.materials import D, G, hertz, scene
-from labbook.checks.verify.stand import grains_at
+from labbook.checks.verify.platform import grains_at
 from labbook.fit.janssen import vertical_stress
 from labbook.measure import MEASURES, MeasureError, RunData
 from labbook.measure.bulk_stress import BulkStress, SectionForces

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from labbook_toy import Backend as Toy
-from stands import Bundled, sharing, stands, where
+from platforms import Bundled, platforms, sharing, where
 from toy_lab import carry_out, study
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, columns
 from labbook.checks.verify.materials import G, floor, hertz, room
+from labbook.checks.verify.platform import MemberStart, grains_at
 from labbook.checks.verify.rods import ROD, rods_at
-from labbook.checks.verify.stand import MemberStart, grains_at
 from labbook.lab import Catalogue, LabFolder
 from labbook.lab.folder import EVALUATION
 from labbook.lab.runs import open_run
@@ -137,32 +137,32 @@ def test_some_hundred_rows_and_few_intervals_in_a_sweep():
     assert coarse == (Crossing(0.0), Ledger(every=1))
 
 
-def motion(stand: Bundled, scene: Scene, start: Packing, dt: float, steps: int) -> tuple[Evaluation, np.ndarray]:
+def motion(platform: Bundled, scene: Scene, start: Packing, dt: float, steps: int) -> tuple[Evaluation, np.ndarray]:
     """What the measure finds of a motion of which every step is sampled, and the times [s]."""
-    numerics = stand.numerics(dt, steps_per_beat=1)
-    rows = stand.run(MemberStart(scene, dt, start), steps, 1, [Ledger()]).rows(Ledger())
+    numerics = platform.numerics(dt, steps_per_beat=1)
+    rows = platform.run(MemberStart(scene, dt, start), steps, 1, [Ledger()]).rows(Ledger())
     run = RunData(scene, numerics, 1, start, "time-limit", steps * dt, {"ledger": rows})
     found = MEASURE.evaluate(run, WINDOW)
     return found, found.arrays["time"]
 
 
 on_every_stand = pytest.mark.parametrize(
-    "stand", [where(sharing(one), pytest.mark.compiles, once=True) for one in stands()]
+    "platform", [where(sharing(one), pytest.mark.compiles, once=True) for one in platforms()]
 )
 
 
 @on_every_stand
-def test_a_grain_at_rest_overlaps_with_the_floor_by_its_weight(stand):
+def test_a_grain_at_rest_overlaps_with_the_floor_by_its_weight(platform):
     scene = linear(SPHERE, Primitives(parts=(floor(),)), restitution=0.5)
     overlap = SPHERE.mass * G / K
-    found, _ = motion(stand, scene, grains_at([0, 0, D / 2 - overlap]), 1e-6, 200)
+    found, _ = motion(platform, scene, grains_at([0, 0, D / 2 - overlap]), 1e-6, 200)
     # it is there from the start; single precision rounds forces
     assert found.arrays["max_overlap"] == pytest.approx(overlap / D, rel=1e-6)
     assert abs(found.arrays["contact_work"]).max() < 1e-9 * SPHERE.mass * G * D
 
 
 @on_every_stand
-def test_the_heaviest_of_two_kinds_overlaps_most(stand):
+def test_the_heaviest_of_two_kinds_overlaps_most(platform):
     """By Hertz, m g = 4/3 E* sqrt(R) overlap^1.5. Other tests of mixtures have this law, too, and share its kernels."""
     grains, law = SPHERE.model_copy(update={"count": 2, "kinds": MIXED}), hertz(shear_modulus=2e6)
     scene = Scene(grains=grains, contact=law, container=Primitives(parts=(floor(),)), gravity=G)
@@ -171,29 +171,29 @@ def test_the_heaviest_of_two_kinds_overlaps_most(stand):
     overlap = (mass * G / (4 / 3 * 2e6 / (1 - law.poisson_ratio) * np.sqrt(radius))) ** (2 / 3)
     at = np.column_stack([[0, 0.02], [0, 0], radius - overlap])
     start = replace(grains_at(at), kind=np.array([0, 1]), diameter=2 * radius)
-    found, _ = motion(stand, scene, start, 1e-6, 50)
+    found, _ = motion(platform, scene, start, 1e-6, 50)
     assert found.arrays["max_overlap"] == pytest.approx(overlap[0] / (D / 3), rel=1e-6)
 
 
 @on_every_stand
-def test_a_rod_that_lies_overlaps_with_half_its_weight_at_either_end(stand):
+def test_a_rod_that_lies_overlaps_with_half_its_weight_at_either_end(platform):
     scene = linear(ROD, Primitives(parts=(floor(),)), restitution=0.5)
     overlap = ROD.mass * G / (2 * K)
     lies = [math.sqrt(0.5), 0, math.sqrt(0.5), 0]  # a quarter turn about y
-    found, _ = motion(stand, scene, rods_at([[0, 0, ROD.radius - overlap]], [lies]), 1e-6, 50)
+    found, _ = motion(platform, scene, rods_at([[0, 0, ROD.radius - overlap]], [lies]), 1e-6, 50)
     # the quaternion is rounded, which tilts the rod by some 1e-16 of its length
     assert found.arrays["max_overlap"] == pytest.approx(overlap / ROD.diameter, rel=1e-6)
 
 
 @on_every_stand
-def test_largest_overlap_of_a_collision(stand):
+def test_largest_overlap_of_a_collision(platform):
     """v sqrt(m_eff/k), of linear springs without damping."""
     grains, v = SPHERE.model_copy(update={"count": 2}), 0.1
     scene, effective = linear(grains, room(), gravity=0.0), SPHERE.mass / 2
     dt = math.pi * math.sqrt(effective / K) / 400
     apart = D / 2 + 0.5 * v * dt
     start = grains_at([[-apart, 0, 0.5], [apart, 0, 0.5]], [[v / 2, 0, 0], [-v / 2, 0, 0]])
-    found, _ = motion(stand, scene, start, dt, 420)
+    found, _ = motion(platform, scene, start, dt, 420)
     deepest = v * math.sqrt(effective / K)
     # the steps before and after the turn miss it by up to (w dt/2)^2/2, the integrator by as much: 1.5e-5
     assert numbers(found)["max_overlap"] == pytest.approx(deepest / D, rel=3e-5)
@@ -206,14 +206,14 @@ def test_largest_overlap_of_a_collision(stand):
 
 @on_every_stand
 @pytest.mark.parametrize("shape", ["sphere", "rod"])
-def test_energies_of_a_free_fall(stand, shape):
+def test_energies_of_a_free_fall(platform, shape):
     grains = SPHERE if shape == "sphere" else ROD
     scene = linear(grains, Primitives(parts=(floor(),)))
     start = grains_at([0, 0, 0.5]) if shape == "sphere" else rods_at([[0, 0, 0.5]], [[1, 0, 0, 0]])
-    found, time = motion(stand, scene, start, 1e-4, 200)
+    found, time = motion(platform, scene, start, 1e-4, 200)
     fallen = grains.mass * G * G * time**2 / 2
     # velocities grow evenly, so that a leapfrog makes no error in them; in single they round at each step
-    rounding = 1e-9 if stand.precision == "double" else 1e-5
+    rounding = 1e-9 if platform.precision == "double" else 1e-5
     assert found.arrays["kinetic"] == pytest.approx(fallen, rel=rounding)
     assert found.arrays["potential"] == pytest.approx(grains.mass * G * 0.5 - fallen, rel=rounding)
     # the work is what is left of the gain in energy less the work of gravity, each of which is rounded

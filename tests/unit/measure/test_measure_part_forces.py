@@ -8,7 +8,7 @@ import pytest
 from labbook.backend.numerics import Numerics
 from labbook.checks.verify.materials import G, floor, linear, scene
 from labbook.checks.verify.mesh import of_triangles, sheet
-from labbook.checks.verify.stand import grains_at
+from labbook.checks.verify.platform import grains_at
 from labbook.measure import MEASURES, MeasureError, RunData
 from labbook.measure.part_forces import MovingPartForces
 from labbook.scene import PartMotion, PartRotation, Primitives, Scene

@@ -12,7 +12,7 @@ from labbook_numba import Backend
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import TRACTION_SUMS, Contacts, Sample, Traction
 from labbook.checks.verify.materials import D, G, hertz, scene
-from labbook.checks.verify.stand import MemberStart, Stand, grains_at
+from labbook.checks.verify.platform import MemberStart, Platform, grains_at
 from labbook.fields import Space, coarse_grain, contacts_of, grains_of
 from labbook.filling.placing import place
 from labbook.measure import MEASURES, MeasureError, RunData
@@ -56,14 +56,14 @@ def settled(request):
     if request.param == "cylinder":
         container = CYLINDER
     here = scene(COUNT, hertz(shear_modulus=SOFT, rolling_friction=0.0, restitution=0.1), container, G, **smooth)
-    stand, probe = Stand(Backend(wide=True)), Traction(size=bin_width(here), every=2)
+    platform, probe = Platform(Backend(wide=True)), Traction(size=bin_width(here), every=2)
     probes = (probe, Contacts(every=2), Sample(fields=("x", "v"), every=2))
-    fallen = stand.run(
+    fallen = platform.run(
         MemberStart(here, DT, place(here, "rain", 1), settled_below=1e-9), 200, 500, probes, until_event=True
     )
-    motion = stand.run(MemberStart(here, DT, fallen.end), 48, 100, probes)
-    numerics = stand.numerics(DT, steps_per_beat=100)
-    rest = stand.backend.tractions(here, numerics, fallen.end, probe)
+    motion = platform.run(MemberStart(here, DT, fallen.end), 48, 100, probes)
+    numerics = platform.numerics(DT, steps_per_beat=100)
+    rest = platform.backend.tractions(here, numerics, fallen.end, probe)
     assert rest is not None
     table = {name: np.concatenate([rest[name], column]) for name, column in motion.rows(probe).items()}
     run = RunData(here, numerics, 1, fallen.end, "time-limit", 48 * 100 * DT, {"traction": table})

@@ -11,7 +11,7 @@ from labbook_numba.state import LEAVING, MOVED, W
 from labbook.backend import Checkpoint, Failed
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger
-from labbook.checks.verify.stand import grains_at
+from labbook.checks.verify.platform import grains_at
 from labbook.checks.verify.symmetry import hopper
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spheres, Spherocylinders
 

@@ -17,8 +17,8 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Ledger, Sample
 from labbook.checks.verify.materials import D, G, linear, scene, spheres
 from labbook.checks.verify.mesh import of_triangles, sheet
+from labbook.checks.verify.platform import grains_at
 from labbook.checks.verify.rods import towards
-from labbook.checks.verify.stand import grains_at
 from labbook.scene import (
     Box,
     Primitives,

@@ -13,14 +13,14 @@ WRITES = """
 import numpy as np
 from numba import njit, uint64
 from labbook_numba.lanes import eight_at
-from labbook_numba.squeeze import how_many, positive, squeeze, squeeze_numbers, squeeze_places
+from labbook_numba.squeeze import how_many, positive, squeeze, squeeze_numbers, squeeze_indices
 
 @njit
 def go(numbers, keep, into, whole, of_whole, places, start):
     picked = positive(eight_at(keep, uint64(0)))
     squeeze(into, uint64(1), eight_at(numbers, uint64(0)), picked)
     squeeze_numbers(of_whole, uint64(1), whole, uint64(2), picked)
-    squeeze_places(places, uint64(1), start, picked)
+    squeeze_indices(places, uint64(1), start, picked)
     return how_many(picked)
 
 rng = np.random.default_rng(1)

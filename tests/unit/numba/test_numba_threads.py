@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rods_in_silo
-from stands import identical
+from platforms import identical
 
 pytest.importorskip("numba")
 

@@ -304,7 +304,7 @@ def test_both_texts_on_one_ratio_rest_on_the_same_runs(synthetic):
     (rotation,), (swept,) = rotations_of(found), found_against(found)
     paired = rotation.ratio("grain_rate", 2)
     assert paired is not None
-    (place,) = (one for line in swept.lines for one in line.places if one.value == 0.32)
+    (place,) = (one for line in swept.lines for one in line.points if one.value == 0.32)
     assert place.ratio is not None
     assert (paired.n, place.pairs) == (1, 1)
     assert place.ratio.value == pytest.approx(paired.value, rel=1e-6)

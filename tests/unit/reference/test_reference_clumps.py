@@ -199,7 +199,7 @@ def test_clumps_come_back_above_the_bed_without_overlaps():
     silo = CylinderSilo(diameter=8 * D, height=0.5, orifice=4 * D)
     scene = Scene(grains=grains(40), contact=LAW, container=silo, feed=Feed(kind="reinject"))
     start = place(scene.close(), "gas", 1)
-    there = start.part(np.arange(30))
+    there = start.subset(np.arange(30))
     [back] = refill([Refill(Feeder(scene, start, "gas", 1), BedTop.of(there), 3)])
     assert back is not None
     assert np.array_equal(np.sort(np.asarray(back.ids)), np.arange(30, 40))

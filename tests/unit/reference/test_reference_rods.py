@@ -6,8 +6,8 @@ import labbook_reference
 import numpy as np
 import pytest
 from labbook_reference.member import Run
+from platforms import Bundled, platforms, sharing, where
 from rods_in_silo import ROUNDING, D, advanced, numerics, silo, trough
-from stands import Bundled, sharing, stands, where
 
 from labbook.backend.probes import Contacts, Ledger, Sample
 from labbook.filling.placing import place
@@ -27,7 +27,7 @@ RIGHT = 1e-9  # m, to which distances of rods are right, in either precision: te
 PROBES = Contacts(), Sample(fields=("x", "q")), Ledger()
 
 
-def compiled_once(scene: Scene, stand: Bundled) -> Scene:
+def compiled_once(scene: Scene, platform: Bundled) -> Scene:
     """The scene with one law, an outlet and every kind of wall, of which one turns.
 
     A backend so compiles one set of kernels for all of them. In its first precision it shares them with the contract of
@@ -39,31 +39,33 @@ def compiled_once(scene: Scene, stand: Bundled) -> Scene:
     further = [wall for wall in BEYOND_REACH if wall.shape.kind not in has]
     return scene.model_copy(
         update={
-            "contact": hertz if stand.second else scene.contact,
+            "contact": hertz if platform.second else scene.contact,
             "container": Primitives(parts=(*walls, *further, RING), outlet_plane=-FAR),
         }
     )
 
 
-def run(stand: Bundled, scene: Scene, start: Packing, beats: int, **further):
+def run(platform: Bundled, scene: Scene, start: Packing, beats: int, **further):
     """One member, advanced: its packing and rows."""
-    how = numerics(stand.precision, overlap_limit=1.0, **further)
-    return advanced(stand.backend, scene, how, start, beats, PROBES, stand.device)
+    how = numerics(platform.precision, overlap_limit=1.0, **further)
+    return advanced(platform.backend, scene, how, start, beats, PROBES, platform.device)
 
 
 @pytest.fixture(
     scope="module",
-    params=[where(sharing(stand), once=True) for stand in stands() if stand.device == "cpu" and stand.lists],
+    params=[
+        where(sharing(platform), once=True) for platform in platforms() if platform.device == "cpu" and platform.lists
+    ],
 )
-def stand(request) -> Bundled:
+def platform(request) -> Bundled:
     return request.param
 
 
 @pytest.fixture(scope="module")
-def bed(stand: Bundled) -> Packing:
+def bed(platform: Bundled) -> Packing:
     """Rods that have fallen into the closed silo and still move."""
     closed = silo(40).close()
-    return run(stand, compiled_once(closed, stand), place(closed, "gas", 1), 100)[0]
+    return run(platform, compiled_once(closed, platform), place(closed, "gas", 1), 100)[0]
 
 
 def spring_by_contact(packing: Packing, scene: Scene) -> dict[tuple, np.ndarray]:
@@ -76,7 +78,7 @@ def spring_by_contact(packing: Packing, scene: Scene) -> dict[tuple, np.ndarray]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", [silo(40), trough()], ids=["frustums", "planes and strips"])
-def test_rods_move_as_in_the_reference(stand, scene, bed):
+def test_rods_move_as_in_the_reference(platform, scene, bed):
     """A hundred steps of rods in motion: pairs, ends at sides and on plates, one of which turns, and edges."""
     rng = np.random.default_rng(2)
     start = replace(
@@ -85,7 +87,7 @@ def test_rods_move_as_in_the_reference(stand, scene, bed):
         pairs=np.zeros((0, 2), np.int64), pair_spring=np.zeros((0, 3)), wall_grain=np.zeros(0, np.int64),
         wall_name=np.zeros(0, "U40"), wall_spring=np.zeros((0, 3)), wall_part=np.zeros(0, np.int64),
     )  # fmt: skip
-    scene = compiled_once(scene, stand)
+    scene = compiled_once(scene, platform)
     touched = edges = 0
     how = numerics("double", overlap_limit=1.0, steps_per_beat=1)
     plain = Run.started(labbook_reference.Backend.capabilities, scene, how, (), start)
@@ -95,11 +97,11 @@ def test_rods_move_as_in_the_reference(stand, scene, bed):
         edges = max(edges, sum(len(key) == 3 and key[2] > 1 for key in plain.springs))
     assert touched > 10
     assert edges > 2
-    found, _ = run(stand, scene, start, 4, steps_per_beat=25)
+    found, _ = run(platform, scene, start, 4, steps_per_beat=25)
     assert found.q is not None
     assert plain.q is not None
     assert plain.failure is None
-    rounding = ROUNDING[stand.precision]
+    rounding = ROUNDING[platform.precision]
     assert np.abs(found.x - plain.x).max() < rounding * np.abs(plain.x - start.x).max()
     assert np.abs(axes(found.q) - axes(plain.q)).max() < rounding
     stored = spring_by_contact(found, scene)
@@ -110,9 +112,9 @@ def test_rods_move_as_in_the_reference(stand, scene, bed):
 
 
 @pytest.mark.slow
-def test_all_pairs_that_touch_are_listed(stand, bed):
+def test_all_pairs_that_touch_are_listed(platform, bed):
     """Rows of contacts against the distances of all pairs."""
-    _, tables = run(stand, compiled_once(silo(40).close(), stand), bed, 8)
+    _, tables = run(platform, compiled_once(silo(40).close(), platform), bed, 8)
     contacts, sample, ledger = (tables[probe] for probe in PROBES)
     assert ledger["rebuilds"][-1] > ledger["rebuilds"][0]
     seen = 0

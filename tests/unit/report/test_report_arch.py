@@ -43,7 +43,7 @@ def test_points_with_arches_are_in_the_order_of_their_outlets():
     wide, narrow = point(3.0, [[7.0]]), point(2.5, [[5.0, 6.0], [7.0]])
     none = SimpleNamespace(runs=(SimpleNamespace(counted=True, measures=()),), pooled={})
     found = arches(cast(Any, [wide.result, none, narrow.result]))
-    assert [one.width for one in found] == pytest.approx([2.5, 3.0])
+    assert [one.width_ratio for one in found] == pytest.approx([2.5, 3.0])
     assert found[0].sizes.tolist() == [5, 6, 7]
     rows = arch_table(found).rows
     assert rows[0] == ("D 2.5", "2.5", "3", "2", "6.5 ± 0.2", "5 to 7", "20 ± 2")

@@ -252,7 +252,7 @@ def test_a_section_from_elsewhere_needs_no_change_of_the_page(analysis, tmp_path
 def test_anchors_are_unique_whatever_titles_say():
     made = anchored([Section("δ", ()), Section("A b", (Section("A b", ()),)), Section("A-b", ())], {"result"})
     assert [one.anchor for one in made] == ["section", "a-b", "a-b-3"]
-    assert made[1].parts[0].anchor == "a-b-2"
+    assert made[1].subsections[0].anchor == "a-b-2"
 
 
 @pytest.mark.usefixtures("one_format")

@@ -80,7 +80,7 @@ def two(rng: np.random.Generator, ratio: float, packing: Callable[[int, int], st
 
 
 def ratio_of(found: Against, line: int = 0, place: int = 1):
-    one = found.lines[line].places[place]
+    one = found.lines[line].points[place]
     assert one.ratio is not None
     return one.ratio, one.pairs
 
@@ -153,11 +153,11 @@ def test_the_value_listed_first_is_what_others_are_compared_with():
     (found,) = against(points)
     (line,) = found.lines
     assert found.values == (0.1, 0.5, 0.9)
-    assert [place.ratio.value if place.ratio else None for place in line.places] == [2.0, None, 0.5]
-    assert line.first is line.places[1]
+    assert [place.ratio.value if place.ratio else None for place in line.points] == [2.0, None, 0.5]
+    assert line.first is line.points[1]
     assert [row["over"] for row in rows([found])] == [0.5, 0.5]
-    (stated,) = against(points, over={FRICTION: 0.9})
-    assert [place.ratio.value if place.ratio else None for place in stated.lines[0].places] == [4.0, 2.0, None]
+    (stated,) = against(points, references={FRICTION: 0.9})
+    assert [place.ratio.value if place.ratio else None for place in stated.lines[0].points] == [4.0, 2.0, None]
 
 
 def test_every_value_of_another_key_has_a_line_and_the_orifice_no_section():
@@ -169,7 +169,7 @@ def test_every_value_of_another_key_has_a_line_and_the_orifice_no_section():
     (found,) = against(points)
     assert found.key == FRICTION
     assert [dict(line.at) for line in found.lines] == [{D: 0.02}, {D: 0.03}]
-    assert [len(line.places) for line in found.lines] == [3, 3]
+    assert [len(line.points) for line in found.lines] == [3, 3]
 
 
 def test_words_keep_the_order_of_the_study():

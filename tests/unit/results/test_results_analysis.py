@@ -89,7 +89,7 @@ def test_series_are_points_that_differ_in_their_orifice_only(synthetic):
     runs = [synthetic.FinishedDouble(point, seed) for point in points for seed in (1, 2)]
     found = analyse(synthetic.study_of(points), runs).series
     assert [series.at for series in found] == [{"container.angle": angle} for angle in angles]
-    assert all(series.diameters == [0.02, 0.03, 0.04] for series in found)
+    assert all(series.orifices == [0.02, 0.03, 0.04] for series in found)
     assert found[0].label == "angle = 30 deg"
     # Three orifices are too few for the three parameters of Janda's law: said, not skipped.
     assert all("Janda" in series.problems[0] and "beverloo" in series.fits for series in found)

@@ -37,12 +37,12 @@ def test_seeds_and_window_come_from_the_replicates(synthetic):
     rates = np.array([run.measured["flow_rate"].value for run in results.points[0].runs])
     drifts = np.array([run.measured["flow_rate_drift"].value for run in results.points[0].runs])
     half = stats.t.ppf(0.975, len(rates) - 1) * stats.sem(rates)
-    assert shares(budget)["seeds"].part == pytest.approx(half / rates.mean(), rel=1e-9)
+    assert shares(budget)["seeds"].relative == pytest.approx(half / rates.mean(), rel=1e-9)
     reach = stats.t.ppf(0.975, len(drifts) - 1) * stats.sem(drifts)
-    assert shares(budget)["window"].part == pytest.approx(max(0, abs(drifts.mean()) - reach) / 2, abs=1e-12)
+    assert shares(budget)["window"].relative == pytest.approx(max(0, abs(drifts.mean()) - reach) / 2, abs=1e-12)
     assert f"{100 * drifts.mean():+.1f} % ± {100 * reach:.1f} %" in shares(budget)["window"].beside
     assert shares(budget)["window"].beside in " ".join(budget_table(results).rows[0])
-    assert budget.total == pytest.approx(sum(s.part for s in budget.shares if s.part is not None), rel=1e-12)
+    assert budget.total == pytest.approx(sum(s.relative for s in budget.shares if s.relative is not None), rel=1e-12)
 
 
 @pytest.mark.parametrize("replicates", [3, 5])
@@ -55,7 +55,7 @@ def test_the_windows_part_is_no_noise_and_finds_a_drift(synthetic, replicates):
 
     def part(mean: float, scatter: float) -> float:
         drift = pool(mean + scatter * rng.standard_normal(replicates))
-        return _window(replace(result, pooled={**result.pooled, "flow_rate_drift": drift})).part or 0.0
+        return _window(replace(result, pooled={**result.pooled, "flow_rate_drift": drift})).relative or 0.0
 
     noise = np.mean([part(0.0, 0.15) for _ in range(1000)])
     assert noise < 0.1 * 0.15 / np.sqrt(replicates) * np.sqrt(2 / np.pi) / 2
@@ -76,7 +76,7 @@ def test_a_line_says_that_its_bounds_are_no_standard_errors(synthetic):
     """The seeds' is the half-width of the interval, by Student's t, not the standard error that stands beside W."""
     results = found(synthetic, [synthetic.point(0, 0.03)])
     (budget,) = budgets(results)
-    part = shares(budget)["seeds"].part
+    part = shares(budget)["seeds"].relative
     assert part is not None
     half = 1e3 * budget.value * part
     told = re.match(r"Bounds: W = \S+ ± (\S+) \(seeds, 95 %\) ± \S+ \(window\) g/s; not measured", budget.line)
@@ -91,7 +91,7 @@ def test_the_summary_has_the_budget(synthetic):
 
 def test_one_replicate_gives_no_error_of_seeds(synthetic):
     (budget,) = budgets(found(synthetic, [synthetic.point(0, 0.03)], seeds=1))
-    assert shares(budget)["seeds"].part is None
+    assert shares(budget)["seeds"].relative is None
     assert shares(budget)["seeds"].basis == "one replicate"
 
 
@@ -105,8 +105,8 @@ def test_a_sweep_of_the_study_itself_measures_its_source(synthetic):
     assert first.flow_rate is not None
     assert other.flow_rate is not None
     part = abs(other.flow_rate.value / first.flow_rate.value - 1)
-    assert shares(budgets(results)[0])["filling"].part == pytest.approx(part, rel=1e-12)
-    assert shares(budgets(found(synthetic, [one, finer]))[0])["numerics"].part is not None
+    assert shares(budgets(results)[0])["filling"].relative == pytest.approx(part, rel=1e-12)
+    assert shares(budgets(found(synthetic, [one, finer]))[0])["numerics"].relative is not None
 
 
 def test_the_calibration_gives_the_bias_of_numerics_that_were_not_swept(synthetic, monkeypatch):
@@ -119,7 +119,7 @@ def test_the_calibration_gives_the_bias_of_numerics_that_were_not_swept(syntheti
     from labbook.scene.timescales import collision
 
     step = point.numerics.dt / collision(point.scene)
-    assert shares(budget)["numerics"].part == pytest.approx(4 * step**2, rel=1e-9)
+    assert shares(budget)["numerics"].relative == pytest.approx(4 * step**2, rel=1e-9)
     assert "calibration" in shares(budget)["numerics"].basis
 
 
@@ -152,7 +152,7 @@ def test_packing_fractions_have_a_budget_without_a_window(analysis):
     for one in found_of:
         assert isinstance(one.of, PointResult)
         pooled = one.of.pooled["packing_fraction"]
-        assert shares(one)["seeds"].part == pytest.approx(pooled.half_width / pooled.value, rel=1e-12)
+        assert shares(one)["seeds"].relative == pytest.approx(pooled.half_width / pooled.value, rel=1e-12)
         assert "window" not in shares(one)
         assert one.unmeasured == ("numerics", "filling", "bed")
     assert summed_up(budgets(analysis), "packing_fraction").startswith("Of φ: seeds 0 % everywhere")
@@ -170,10 +170,14 @@ def test_parameters_move_with_numerics_as_the_flow_rates_do(synthetic):
     first, other = (series.fits["beverloo"].parameters for series in results.series)
     assert first["k"].value != other["k"].value
     (of_first, of_other) = [one for one in budgets(results) if one.quantity == "beverloo.k"]
-    assert shares(of_first)["numerics"].part == pytest.approx(abs(other["k"].value / first["k"].value - 1), rel=1e-9)
-    assert shares(of_other)["numerics"].part == pytest.approx(abs(first["k"].value / other["k"].value - 1), rel=1e-9)
+    assert shares(of_first)["numerics"].relative == pytest.approx(
+        abs(other["k"].value / first["k"].value - 1), rel=1e-9
+    )
+    assert shares(of_other)["numerics"].relative == pytest.approx(
+        abs(first["k"].value / other["k"].value - 1), rel=1e-9
+    )
     half = (first["k"].high - first["k"].low) / 2
-    assert shares(of_first)["seeds"].part == pytest.approx(half / first["k"].value, rel=1e-9)
+    assert shares(of_first)["seeds"].relative == pytest.approx(half / first["k"].value, rel=1e-9)
     assert of_first.unmeasured == ("filling", "bed")
     assert of_first.name == "k, beverloo"
     named = [row[0] for row in budget_table(results).rows]

@@ -103,7 +103,7 @@ def test_lids_say_form_and_width_of_their_outlets(study):
 def test_a_law_goes_through_the_outlets_of_one_silo(results):
     (series,) = results.series
     assert [one.label for one in series.points] == ["narrow", "middle", "wide"]
-    assert series.diameters == pytest.approx([18e-3, 24e-3, 36e-3])
+    assert series.orifices == pytest.approx([18e-3, 24e-3, 36e-3])
     fit = series.fits["beverloo"]
     for one in series.points:  # pauses longer than window.gap are left out of W, as in every flow rate
         assert one.flow_rate is not None
@@ -136,7 +136,7 @@ def test_each_outlet_has_its_avalanches(results):
     assert narrow.flowing is not None
     expected = grain_rate(18e-3) * MASS
     assert abs(narrow.flowing.value - expected) < 4 * narrow.flowing.error, "mass over time of flow, without pauses"
-    assert narrow.width == pytest.approx(6)
+    assert narrow.width_ratio == pytest.approx(6)
     assert [row[0] for row in clogging_table(series).rows] == ["narrow", "middle", "wide"]
 
 
@@ -149,7 +149,7 @@ def test_counts_of_an_outlet_are_those_of_its_pauses(results):
     of_narrow = np.sort(times[x < -30e-3])
     assert int(here.stopped.sum()) == int((np.diff(of_narrow) > 0.05).sum())
     assert int(here.grains.sum()) == len(of_narrow)
-    assert here.counted[0] == max(0, here.grains[0] - transient(run.run.point.scene, opening=True, place=0))
+    assert here.counted[0] == max(0, here.grains[0] - transient(run.run.point.scene, opening=True, outlet_index=0))
 
 
 def test_an_outlet_that_stops_for_good_is_told_from_an_end(study):

@@ -67,10 +67,10 @@ def test_the_budget_has_the_largest_change_between_sensible_starts(column, state
     for name in ("C_particle", "k"):
         (share,) = [share for share in found[f"beverloo.{name}"].shares if share.source == "window"]
         others = [stated[start][name] for start in (0.1, 0.2, "auto")]
-        assert share.part == pytest.approx(max(abs(one / stated[0.15][name] - 1) for one in others), rel=1e-12)
+        assert share.relative == pytest.approx(max(abs(one / stated[0.15][name] - 1) for one in others), rel=1e-12)
         assert share.basis == "largest difference to starts of 10 %, 20 %, auto"
         early = max(abs(stated[start][name] / stated[0.15][name] - 1) for start in (0.0, 0.02, 0.05))
-        assert share.part != pytest.approx(early)
+        assert share.relative != pytest.approx(early)
 
 
 def test_tables_and_frames_have_a_row_for_each_start(column):

@@ -70,7 +70,7 @@ def test_a_filling_that_failed_is_named_by_the_next_plan_with_what_to_change(tmp
     assert "A filling failed before and will be tried again: seed 1: not at rest after 0.0" in planned
     assert "Raise fill.max_time" in planned
     assert "its packing failed: not at rest after" in planned
-    assert all("not at rest" in work.failed for work in unfinished(labbook.Lab(lab).place))
+    assert all("not at rest" in work.failed for work in unfinished(labbook.Lab(lab).lab_folder))
     longer = study(tmp_path, orifices="[24]", replicates=3)
     assert "failed" not in repr(labbook.Lab(lab, "toy").plan(longer)), "it may go on for longer now"
     assert labbook.Lab(lab, "toy").run(longer, progress=False).complete

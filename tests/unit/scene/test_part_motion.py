@@ -42,8 +42,8 @@ def test_a_part_is_turned_and_then_displaced_and_starts_where_it_stands():
     times = np.array([0.0, 0.013, 0.2, 51.7])
     poses = MOTION.poses(times)
     for k, time in enumerate(times.tolist()):
-        assert poses.places(k, X) == pytest.approx(place(time), abs=1e-12)
-    assert poses.places(0, X) == pytest.approx(X, abs=1e-16)
+        assert poses.positions(k, X) == pytest.approx(place(time), abs=1e-12)
+    assert poses.positions(0, X) == pytest.approx(X, abs=1e-16)
 
 
 def test_velocities_are_the_derivatives_of_places():

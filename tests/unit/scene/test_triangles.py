@@ -20,7 +20,7 @@ def cube(turned: bool = False) -> Triangles:
 
 def solid_angles(surface: Triangles, x: np.ndarray, outward: np.ndarray) -> np.ndarray:
     """Winding number of the surface about points (van Oosterom & Strackee 1983); outward: sign of each normal."""
-    a, b, c = (surface.places[None, :, k] - x[:, None] for k in range(3))
+    a, b, c = (surface.corner_positions[None, :, k] - x[:, None] for k in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
 
     def dot(u, v):
@@ -96,8 +96,11 @@ def test_sides_are_those_of_the_winding_number():
     frame, _ = Triangles.welded(*_frame())
     up = np.array([0, 0, 2.5])
     x = np.concatenate([RNG.uniform(-2.5, 2.5, (500, 3)), frame.vertices + up, frame.vertices - up])
-    middle = frame.places.mean(axis=1)
-    normal = np.cross(frame.places[:, 1] - frame.places[:, 0], frame.places[:, 2] - frame.places[:, 0])
+    middle = frame.corner_positions.mean(axis=1)
+    normal = np.cross(
+        frame.corner_positions[:, 1] - frame.corner_positions[:, 0],
+        frame.corner_positions[:, 2] - frame.corner_positions[:, 0],
+    )
     step = middle + 1e-6 * normal / np.linalg.norm(normal, axis=1)[:, None]
     outward = np.where(frame.inside(step), -1.0, 1.0)
     winding = solid_angles(frame, x, outward)

@@ -94,4 +94,4 @@ def test_samples_are_the_same_each_time(monkeypatch):
     monkeypatch.setattr("labbook.stats.posterior._STEPS", 20)
     monkeypatch.setattr("labbook.stats.posterior._BURN", 10)
     one, other = (posterior(lambda places: -10 * ((places - 0.5) ** 2).sum(axis=1), 5) for _ in range(2))
-    assert (one.places == other.places).all()
+    assert (one.parameter_sets == other.parameter_sets).all()

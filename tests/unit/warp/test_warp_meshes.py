@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from stands import identical
+from platforms import identical
 
 pytest.importorskip("warp")
 
@@ -15,7 +15,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Ledger, Sample, Traction
 from labbook.checks.verify.materials import D, G, linear
 from labbook.checks.verify.mesh import of_triangles, sheet
-from labbook.checks.verify.stand import grains_at
+from labbook.checks.verify.platform import grains_at
 from labbook.scene import Box, Primitives, Scene, Spheres
 
 R = D / 2

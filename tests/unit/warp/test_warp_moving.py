@@ -6,7 +6,7 @@ from typing import Any
 import labbook_reference
 import numpy as np
 import pytest
-from stands import identical
+from platforms import identical
 
 pytest.importorskip("warp")
 
@@ -21,7 +21,7 @@ from turning_box import RODS, SPHERES, D, in_the_box, turning_box
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Ledger, Sample, Traction
 from labbook.checks.verify.mesh import of_triangles, sheet
-from labbook.checks.verify.stand import grains_at
+from labbook.checks.verify.platform import grains_at
 from labbook.scene import Primitives
 
 PROBES = (Sample(fields=("x", "v", "omega")), Contacts(every=1), Ledger(every=10), Traction(size=1.0))

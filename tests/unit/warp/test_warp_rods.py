@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stands import identical
+from platforms import identical
 
 pytest.importorskip("warp")
 

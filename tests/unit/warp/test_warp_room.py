@@ -3,7 +3,7 @@
 from contextlib import closing
 
 import pytest
-from stands import identical
+from platforms import identical
 
 pytest.importorskip("warp")
 

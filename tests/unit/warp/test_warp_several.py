@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from stands import identical
+from platforms import identical
 
 pytest.importorskip("warp")
 
@@ -400,11 +400,11 @@ def test_steps_taken_in_one_launch_are_those_taken_one_by_one(few, fewer, lanes,
     beside one that fails within a beat."""
     how = numerics(precision, steps_per_beat=249)
     members = [(scene, falling(scene, how, a_gpu)) for scene in (few, fewer)]
-    fit, collect, ends = Beat.fit_at_once, stage.collect, []
+    fit, collect, ends = Beat.all_resident, stage.collect, []
     for allowed in (True, False):
         fitted, beats = [], iter(range(10_000))
 
-        def fit_at_once(beat, allowed=allowed, fitted=fitted):
+        def all_resident(beat, allowed=allowed, fitted=fitted):
             fitted.append(fit(beat))
             return fitted[-1] and allowed
 
@@ -413,7 +413,7 @@ def test_steps_taken_in_one_launch_are_those_taken_one_by_one(few, fewer, lanes,
             slots = [replace(slot, late=beat % 3 == k) for k, slot in enumerate(report.slots)]
             return replace(report, slots=slots)
 
-        monkeypatch.setattr(Beat, "fit_at_once", fit_at_once)
+        monkeypatch.setattr(Beat, "all_resident", all_resident)
         monkeypatch.setattr(stage, "collect", late)
         monkeypatch.setattr(stage.Stage, "check_more_often", lambda _: None)
         ends.append(together(members, how, lanes, a_gpu, 80))
@@ -431,8 +431,8 @@ def test_as_many_threads_as_fit_wait_for_one_another_and_more_do_not(a_gpu, monk
     """Up to the last block that has room; beyond it every step has a launch of its own."""
     how, scene = numerics("mixed", steps_per_beat=100), of_spheres(32)
     bed = place(scene.close(), "gas", 1)
-    fit, found = Beat.fit_at_once, []
-    monkeypatch.setattr(Beat, "fit_at_once", lambda beat: found.append((beat, fit(beat))) or found[-1][1])
+    fit, found = Beat.all_resident, []
+    monkeypatch.setattr(Beat, "all_resident", lambda beat: found.append((beat, fit(beat))) or found[-1][1])
     alone, _ = run(scene, how, bed, 3, lanes=8, device=a_gpu)
     (first, _), *_ = found
     size, blocks = wp.get_suggested_block_size(first.kernels.step, a_gpu)
@@ -487,7 +487,7 @@ def test_groups_of_members_take_the_steps_of_all_together(few, fewer, monkeypatc
 def test_groups_of_members_take_their_steps_side_by_side(few, fewer, a_gpu, monkeypatch):
     how, ends = numerics("mixed", steps_per_beat=249), []
     for fit in (True, False):
-        monkeypatch.setattr(Beat, "fit_at_once", lambda _, fit=fit: fit)
+        monkeypatch.setattr(Beat, "all_resident", lambda _, fit=fit: fit)
         ends.append(ends_in_groups(few, fewer, how, a_gpu, 80))
     check_alike(*ends)
     assert len(ends[0].crossed["id"]) > 10

@@ -78,9 +78,9 @@ def compare_page(store: LabStore, items: Sequence[str]) -> Page:
     entries = _with_backends([_item(store, text, lacking) for text in dict.fromkeys(items)])
     labels = [item.label for item in entries]
     pairs = _differences(entries)
-    curves = [{**curve, "title": item.label, "group": place,
+    curves = [{**curve, "title": item.label, "group": index,
                "label": f"{item.label}: {curve['label']}" if len(item.curves) > 1 else item.label}
-              for place, item in enumerate(entries) for curve in item.curves]  # fmt: skip
+              for index, item in enumerate(entries) for curve in item.curves]  # fmt: skip
     beds = [item for item in entries if item.run]
     recorded = list(dict.fromkeys(item.run[:16] for item in beds if item.run and item.recorded))[:SIDE_BY_SIDE]
     studies = bool(entries) and all(item.point is None and item.contents is not None for item in entries)
@@ -132,16 +132,16 @@ def _with_backends(items: list[ComparedItem]) -> list[ComparedItem]:
 
 
 def _item(store: LabStore, text: str, lacking: list[str]) -> ComparedItem:
-    parts = _ITEM.fullmatch(text)
-    if parts is None or (parts["kind"] == "point") != (parts["number"] is not None):
+    item = _ITEM.fullmatch(text)
+    if item is None or (item["kind"] == "point") != (item["number"] is not None):
         raise Malformed(f"{text[:80]} is not an item: use run:KEY, point:STUDY:NUMBER or study:STUDY")
-    if parts["kind"] == "run":
-        return _run(store, text, parts["name"], lacking)
-    contents = store.contents(parts["name"], store.backend_of(parts["name"], parts["backend"]))
+    if item["kind"] == "run":
+        return _run(store, text, item["name"], lacking)
+    contents = store.contents(item["name"], store.backend_of(item["name"], item["backend"]))
     name = contents.study.name
-    if parts["kind"] == "study":
+    if item["kind"] == "study":
         return ComparedItem(text, name, f"study/{name}", None, None, contents, (), None, False, contents.backend)
-    number = int(parts["number"])
+    number = int(item["number"])
     result = point_of(contents, number)
     curves = [trace for run in result.runs if (trace := curve_of(run, run.repeat, lacking)) is not None]
     label, address = f"{name}, {result.label or 'the only point'}", f"study/{name}/point/{number}"
@@ -238,8 +238,8 @@ def _ratio(result: PointResult | None, first: PointResult | None, name: str) -> 
         return "–"
     ratio, pairs = ratio_of(result, first, name)
     ends = " to ".join(display.number(end, ratio.error) for end in (ratio.low, ratio.high))
-    rests = f"{pairs} pairs" if pairs else "independent runs"
-    return f"{display.with_error(ratio.value, ratio.error)} ({ends}; {rests})"
+    pairing = f"{pairs} pairs" if pairs else "independent runs"
+    return f"{display.with_error(ratio.value, ratio.error)} ({ends}; {pairing})"
 
 
 def _flat(definition: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

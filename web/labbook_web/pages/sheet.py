@@ -25,7 +25,7 @@ class Tile:
         run: Key of the run whose picture is shown; None of a point without runs.
         remark: Remark on its results; empty without any.
         value: Its mean, or the reason why it has none.
-        part: Position of the mean between the smallest, 0, and the largest, 1; None without a mean.
+        fraction: Position of the mean between the smallest, 0, and the largest, 1; None without a mean.
         film: The lab has a film of the run.
         recorded: The run kept frames, so that its bed can be shown in motion.
     """
@@ -35,7 +35,7 @@ class Tile:
     run: str | None
     remark: str = ""
     value: str = ""
-    part: float | None = None
+    fraction: float | None = None
     film: bool = False
     recorded: bool = False
 
@@ -113,17 +113,17 @@ def sheet(results: Results, running: Collection[str] = ()) -> Sheet:
     """
     points = results.study.points
     done = {result.point.index: result for result in results.points}
-    places = placement([point.at for point in points])
-    make, row = _TileFactory(results, running), next(iter(places.row), "")
-    columns, rows = places.columns, places.rows
-    tiles = tuple(tuple(make(done, places.points.get((r, c))) for c in range(len(columns))) for r in range(len(rows)))
+    layout = placement([point.at for point in points])
+    make, row = _TileFactory(results, running), next(iter(layout.row), "")
+    columns, rows = layout.columns, layout.rows
+    tiles = tuple(tuple(make(done, layout.points.get((r, c))) for c in range(len(columns))) for r in range(len(rows)))
     return Sheet(
         display.key(row).heading if row else "",
-        display.key(places.column).heading if places.column else "",
+        display.key(layout.column).heading if layout.column else "",
         tuple("–" if value is None else display.amount(row, value) for (value,) in rows) if row else (),
-        tuple(display.amount(places.column, value) for value in columns if value is not None),
+        tuple(display.amount(layout.column, value) for value in columns if value is not None),
         tiles,
-        display.label(places.fixed),
+        display.label(layout.fixed),
         sum(tile is not None for line in tiles for tile in line),
         len(points),
         make.unit.heading if make.quantity else "",
@@ -183,13 +183,13 @@ class _TileFactory:
                 index + 1, label, None, value="running" if running else "waiting" if self._active else "not run"
             )
         pooled = result.pooled.get(self.quantity)
-        value, part = self._without(result), None
+        value, fraction = self._without(result), None
         if pooled is not None:
             value = display.number(pooled.value, max(pooled.error, abs(pooled.value) / _DIGITS), self.unit.scale)
-            part = (pooled.value - self._low) / (self._high - self._low) if self._high > self._low else 0.5
+            fraction = (pooled.value - self._low) / (self._high - self._low) if self._high > self._low else 0.5
         run = min(result.runs, key=lambda run: (not self._filmed(result, run), not run.recorded))
         film = self._filmed(result, run)
-        return Tile(index + 1, label, run.run_key, result.remark, value, part, film, run.recorded)
+        return Tile(index + 1, label, run.run_key, result.remark, value, fraction, film, run.recorded)
 
     def _filmed(self, result: PointResult, run: RunResult) -> bool:
         """True if the lab has a film of the run for this study."""

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from labbook.checks.verify.case import Case, limited
-from labbook.checks.verify.stand import MemberStart, Stand, grains_at
+from labbook.checks.verify.platform import MemberStart, Platform, grains_at
 from labbook.scene import Plane, Primitives, Scene, Spheres, Wall
 
 from .viscous import Viscous
@@ -14,7 +14,7 @@ STEPS = 1000
 """Time steps of a collision."""
 
 
-def _restitution(stand: Stand) -> Mapping[str, float]:
+def _restitution(platform: Platform) -> Mapping[str, float]:
     """Drop a grain on a plane; the error of its rebound."""
     grains = Spheres(diameter=3e-3, density=2500, count=1)
     law = Viscous(normal_stiffness=2e3, restitution=RESTITUTION_ASKED)
@@ -22,8 +22,10 @@ def _restitution(stand: Stand) -> Mapping[str, float]:
     scene = Scene(grains=grains, contact=law, container=Primitives(parts=(floor,)), gravity=0.0)
     dt = law.collision_time(grains.mass, grains.radius, SPEED) / STEPS
     above = [[0.0, 0.0, grains.radius + 10 * SPEED * dt]]
-    motion = stand.run(MemberStart(scene, dt, grains_at(above, [[0.0, 0.0, -SPEED]])), beats=3, steps_per_beat=STEPS)
-    return {"restitution": abs(motion.end.v[0, 2] / SPEED - RESTITUTION_ASKED)}
+    trajectory = platform.run(
+        MemberStart(scene, dt, grains_at(above, [[0.0, 0.0, -SPEED]])), beats=3, steps_per_beat=STEPS
+    )
+    return {"restitution": abs(trajectory.end.v[0, 2] / SPEED - RESTITUTION_ASKED)}
 
 
 RESTITUTION = Case(

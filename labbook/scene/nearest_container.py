@@ -43,7 +43,7 @@ class Opening:
 
 
 @dataclass(frozen=True)
-class Likeness:
+class NearestContainer:
     """Built-in container that a surface is near to.
 
     Attributes:
@@ -93,7 +93,7 @@ def outlets(surface: Triangles) -> tuple[Opening, ...]:
 
 
 @once(16)
-def likeness(mesh: TriangleMesh) -> Likeness | None:
+def nearest_container(mesh: TriangleMesh) -> NearestContainer | None:
     """Find the built-in container that a mesh with one outlet is nearest to.
 
     Args:
@@ -112,44 +112,44 @@ def likeness(mesh: TriangleMesh) -> Likeness | None:
     return nearest if nearest is not None and nearest.difference <= CLOSE * half else None
 
 
-def _candidates(surface: Triangles, hole: Opening, turned: bool) -> Iterator[Likeness]:
+def _candidates(surface: Triangles, hole: Opening, turned: bool) -> Iterator[NearestContainer]:
     low, high = np.array(surface.bounds.low), np.array(surface.bounds.high)
     origin = np.array([*(low + high)[:2] / 2, low[2]])
     swap = [[0, 1, 0], [-1, 0, 0], [0, 0, 1]] if turned else np.eye(3)
-    places, rim = (surface.vertices - origin) @ swap, (hole.rim - origin) @ swap
-    x, y, z = np.abs(places).max(axis=0)
-    from_axis = np.hypot(places[:, 0], places[:, 1])
+    vertices, rim = (surface.vertices - origin) @ swap, (hole.rim - origin) @ swap
+    x, y, z = np.abs(vertices).max(axis=0)
+    from_axis = np.hypot(vertices[:, 0], vertices[:, 1])
     hole_radius = float(np.hypot(rim[:, 0], rim[:, 1]).max())
-    left, right = float(rim[:, 0].min()), float(rim[:, 0].max())
+    x_left, x_right = float(rim[:, 0].min()), float(rim[:, 0].max())
     shapes: list[tuple[type[ContainerShape], dict[str, float | None]]] = []
     if not turned:
         radius = float(from_axis.max())
-        rise = float(places[from_axis >= radius * (1 - _RIM), 2].min())
+        rise = float(vertices[from_axis >= radius * (1 - _RIM), 2].min())
         round_silo = {"diameter": 2 * radius, "height": max(z, rise * (1 + _RIM)), "orifice": 2 * hole_radius}
         if rise > _LEVEL * z:
             angle = math.atan2(radius - hole_radius, rise)
             shapes.append((ConicalSilo, {**round_silo, "angle": angle}))
         else:
             shapes.append((CylinderSilo, {**round_silo}))
-    rise = float(places[np.abs(places[:, 0]) >= x * (1 - _RIM), 2].min())
-    wide = max(-left, right) if left < 0 < right else x
+    rise = float(vertices[np.abs(vertices[:, 0]) >= x * (1 - _RIM), 2].min())
+    wide = max(-x_left, x_right) if x_left < 0 < x_right else x
     angle = math.pi / 2 if rise <= _LEVEL * z else math.atan2(x - wide, rise)
-    gap = None if abs(left + right) <= _RIM * x else left + x
-    wedge = {"width": 2 * x, "height": max(z, rise * (1 + _RIM)), "thickness": 2 * y, "orifice": right - left}
+    gap = None if abs(x_left + x_right) <= _RIM * x else x_left + x
+    wedge = {"width": 2 * x, "height": max(z, rise * (1 + _RIM)), "thickness": 2 * y, "orifice": x_right - x_left}
     shapes.append((WedgeHopper, {**wedge, "angle": angle, "gap": gap}))
     for kind, sizes in shapes:
         try:
             container = kind.model_validate(sizes)
         except ValidationError:
             continue
-        difference = _difference(container, Triangles(places, surface.corners))
-        yield Likeness(container, (float(origin[0]), float(origin[1]), float(origin[2])), difference, turned)
+        difference = _difference(container, Triangles(vertices, surface.corners))
+        yield NearestContainer(container, (float(origin[0]), float(origin[1]), float(origin[2])), difference, turned)
 
 
 def _difference(container: ContainerShape, surface: Triangles) -> float:
     """Largest distance [m] of corners and middles of triangles from the walls, and of bounded walls from the
     surface."""
-    points = np.concatenate([surface.vertices, surface.places.mean(axis=1)])
+    points = np.concatenate([surface.vertices, surface.corner_positions.mean(axis=1)])
     points = points[:: max(1, len(points) // _POINTS)]
     walls = container.walls()
     largest = np.min([np.abs(wall.shape.distance(points)) for wall in walls], axis=0).max()

@@ -1,4 +1,4 @@
-"""The stands of the bundled backends, for tests that take every one of them.
+"""The platforms of the bundled backends, for tests that take every one of them.
 
 The CPU backend takes ten seconds to compile a kernel, twenty for rods. On these stands its kernels have all features in
 (walls of every kind, moving ones, rolling, ...), so that all scenes of one law, shape and precision share a kernel.
@@ -14,14 +14,14 @@ import pytest
 
 from labbook.backend import BackendMissing, Unsupported, installed, load
 from labbook.backend.probes import Table
-from labbook.checks.verify.stand import Stand
+from labbook.checks.verify.platform import Platform
 from labbook.scene import LinearSpringDashpot, Primitives, Scene, Spheres
 from labbook.scene.packing import Packing
 
 
 @dataclass(frozen=True)
-class Bundled(Stand):
-    """A stand of a bundled backend, and what tests must know of it."""
+class Bundled(Platform):
+    """A platform of a bundled backend, and what tests must know of it."""
 
     first: str = "double"
     """The precision in which it takes every check; those that say so it takes in no other on a processor."""
@@ -51,10 +51,10 @@ BUNDLED: Mapping[str, Mapping[str, Any]] = {
     "reference": {"lists": False, "part": 0.6, "older": lambda arrays: _without(arrays, "deepest", "fastest")},
     "warp": {"first": "mixed", "crowds": True, "older": lambda arrays: _without(arrays, "most")},
 }
-"""What the stands of each bundled backend are like."""
+"""What the platforms of each bundled backend are like."""
 
 
-def stands() -> list[Bundled]:
+def platforms() -> list[Bundled]:
     """One for each bundled backend that is there, in each of its precisions, on each of its devices."""
     found = []
     for name in sorted(set(installed()).intersection(BUNDLED)):
@@ -71,42 +71,44 @@ def stands() -> list[Bundled]:
     return found
 
 
-def sharing(stand: Bundled) -> Bundled:
-    """The stand with kernels that tests share, on a processor: with all features in. On a GPU kernels are compiled for
-    each scene, in tests as in users' runs."""
-    if stand.wide or stand.device != "cpu" or stand.part < 1:
-        return stand
-    backend: Any = type(stand.backend)
-    return replace(stand, backend=backend(wide=True), wide=True)
+def sharing(platform: Bundled) -> Bundled:
+    """The platform with kernels that tests share, on a processor: with all features in. On a GPU kernels are compiled
+    for each scene, in tests as in users' runs."""
+    if platform.wide or platform.device != "cpu" or platform.part < 1:
+        return platform
+    backend: Any = type(platform.backend)
+    return replace(platform, backend=backend(wide=True), wide=True)
 
 
-def specialised(stand: Bundled) -> Bundled:
-    """The stand with kernels that have in only what each scene needs, as in users' runs."""
-    return replace(stand, backend=load(stand.backend.capabilities.name), wide=False)
+def specialised(platform: Bundled) -> Bundled:
+    """The platform with kernels that have in only what each scene needs, as in users' runs."""
+    return replace(platform, backend=load(platform.backend.capabilities.name), wide=False)
 
 
-def where(stand: Bundled, slow: pytest.MarkDecorator = pytest.mark.ring, *, once: bool = False):
-    """The stand as a parameter; skipped where its device is missing. `slow`: mark of a stand that is slow. `once`: the
+def where(platform: Bundled, slow: pytest.MarkDecorator = pytest.mark.ring, *, once: bool = False):
+    """The platform as a parameter; skipped where its device is missing. `slow`: mark of a slow platform. `once`: the
     second precision of a backend is in the ring, since its kernels are compiled for these tests alone."""
     marks = []
-    if reason := missing(stand):
+    if reason := missing(platform):
         marks.append(pytest.mark.skip(reason=reason))
-    if stand.part < 1:
+    if platform.part < 1:
         marks.append(slow)
-    if once and stand.second:
+    if once and platform.second:
         marks.append(pytest.mark.ring)
-    return pytest.param(stand, id=f"{stand.backend.capabilities.name}-{stand.precision}-{stand.device}", marks=marks)
+    return pytest.param(
+        platform, id=f"{platform.backend.capabilities.name}-{platform.precision}-{platform.device}", marks=marks
+    )
 
 
-def missing(stand: Stand) -> str | None:
-    """Why the device of a stand cannot be used here; None if it can."""
+def missing(platform: Platform) -> str | None:
+    """Why the device of a platform cannot be used here; None if it can."""
     free = Scene(
         grains=Spheres(diameter=1e-3, density=1e3, count=1),
         contact=LinearSpringDashpot(normal_stiffness=1),
         container=Primitives(),
     )
     try:
-        stand.backend.open(stand.backend.specialise(free, stand.numerics(1e-6)), 1, stand.device).close()
+        platform.backend.open(platform.backend.specialise(free, platform.numerics(1e-6)), 1, platform.device).close()
     except Unsupported as reason:
         return reason.remedy
     return None

@@ -18,7 +18,7 @@ from labbook.scene import (
     Wall,
     WedgeHopper,
 )
-from labbook.scene.likeness import likeness, openings, outlets
+from labbook.scene.nearest_container import nearest_container, openings, outlets
 from labbook.scene.triangles import Triangles
 
 
@@ -66,7 +66,7 @@ def test_the_outlet_of_a_polygon_has_its_area(corners):
 @pytest.mark.parametrize("corners", [24, 96])
 def test_a_polygon_is_near_the_cone_that_it_stands_for(corners):
     """By its sagitta, at the middle of the sides of its widest ring."""
-    near = likeness(turned_profile(CONE, corners, at=(0.1, -0.2, 0.05)))
+    near = nearest_container(turned_profile(CONE, corners, at=(0.1, -0.2, 0.05)))
     assert near is not None
     assert isinstance(near.container, ConicalSilo)
     assert near.container.diameter == pytest.approx(0.1, rel=1e-9)
@@ -79,7 +79,7 @@ def test_a_polygon_is_near_the_cone_that_it_stands_for(corners):
 
 
 def test_a_flat_bottom_is_a_cylinder_silo():
-    near = likeness(turned_profile([(0.015, 0.0), (0.05, 0.0), (0.05, 0.2)], 48))
+    near = nearest_container(turned_profile([(0.015, 0.0), (0.05, 0.0), (0.05, 0.2)], 48))
     assert near is not None
     assert isinstance(near.container, CylinderSilo)
     assert (near.container.diameter, near.container.orifice) == pytest.approx((0.1, 0.03))
@@ -87,7 +87,7 @@ def test_a_flat_bottom_is_a_cylinder_silo():
 
 @pytest.mark.parametrize(("slot", "gap"), [((-0.01, 0.01), None), ((-0.02, 0.0), 0.02)])
 def test_a_wedge_is_found_with_its_slot(slot, gap):
-    near = likeness(wedge(0.08, 0.2, 0.01, 0.03 if gap is None else 0.0, slot))
+    near = nearest_container(wedge(0.08, 0.2, 0.01, 0.03 if gap is None else 0.0, slot))
     assert near is not None
     container = near.container
     assert isinstance(container, WedgeHopper)
@@ -100,7 +100,7 @@ def test_a_wedge_is_found_with_its_slot(slot, gap):
 def test_a_wedge_along_y_is_turned():
     across = wedge(0.08, 0.2, 0.01, 0.03, (-0.01, 0.01))
     surface = across.surface.moved(lambda x: x[:, [1, 0, 2]])
-    near = likeness(TriangleMesh.of_surface(surface))
+    near = nearest_container(TriangleMesh.of_surface(surface))
     assert near is not None
     assert near.turned
     assert near.difference < 1e-9
@@ -108,10 +108,10 @@ def test_a_wedge_along_y_is_turned():
 
 def test_what_is_like_none_is_not_named():
     """An hourglass, a hopper with a square outlet below a round side, and one without an outlet."""
-    assert likeness(turned_profile([(0.05, -0.1), (0.01, 0.0), (0.05, 0.1)], 32)) is None
+    assert nearest_container(turned_profile([(0.05, -0.1), (0.01, 0.0), (0.05, 0.1)], 32)) is None
     twisted = turned_profile([(0.02, 0.0), (0.08, 0.02), (0.05, 0.1), (0.09, 0.2)], 32)
-    assert likeness(twisted) is None
-    assert likeness(turned_profile([(0.0, 0.0), (0.05, 0.05)], 32)) is None
+    assert nearest_container(twisted) is None
+    assert nearest_container(turned_profile([(0.0, 0.0), (0.05, 0.05)], 32)) is None
 
 
 def test_a_plan_says_so():

@@ -6,7 +6,7 @@ REBUILT = 0.25
 """Number of added points, as a part of the points in the large tree, above which that tree is built again."""
 
 
-class Placed:
+class PlacedCentres:
     """Set of centres that grows by a few at a time and is searched in between.
 
     Most centres are in one k-d tree, the latest in another: adding a few to many does not rebuild a tree of all.
