@@ -5,7 +5,7 @@
 Cone and cylinder are exact in one study, and triangles with so many sides in the others; grains are softer by a factor
 of 50, and the window is the second from 0.3 to 1.1 s after the opening. A polygon has the corners on the circle, so
 that its outlet is smaller: by its area, W falls as (D - 1.4 d)^2.5 of the circle of equal area. With three beds, some
-4 minutes of one H100, most of them for placing grains between triangles. `--scale 0.36` takes a small silo, to try it.
+minutes of one H100. `--scale 0.36` takes a small silo, to try it.
 """
 
 import argparse

@@ -100,7 +100,10 @@ def _leak(container: Container, radius: float, volume: float, flat: bool) -> Lea
         exits = _reachable(clear.reshape(size), start, x[..., 2] <= plane, all_neighbours=not certain)
         if exits.any():
             highest = exits & (x[..., 2] == x[..., 2][exits].max())
-            px, py, _ = x.reshape(-1, 3)[np.argmax(np.where(highest.ravel(), plates, -np.inf))]
+            exit_points = points[highest.ravel()]
+            # farther than a grain from plates, `plates` tells no distances
+            widths = [shape.distance(exit_points) for shape in shapes if not shape.half_space]
+            px, py, _ = exit_points[np.argmax(np.min(widths, axis=0))] if widths else exit_points[0]
             return Leak(certain, (float(px), float(py), plane), spacing)
     if spacing > 2 * radius / _COARSE:  # too coarse a grid may see a way through nothing, and none where there is one
         return Leak(False, (0.0, 0.0, plane), spacing)

@@ -264,7 +264,7 @@ class Triangles:
         Returns:
             Distances [m], shape [n]; further away any number that exceeds `reach`.
         """
-        if reach < _SHORT * float(np.linalg.norm(self.bounds.size)):
+        if 0 < reach < _SHORT * float(np.linalg.norm(self.bounds.size)):
             return self._close(x, reach)
         distances = np.empty(len(x))
         self._nearest(x, np.arange(len(x)), np.arange(len(self._balls[1])), distances, reach)

@@ -82,12 +82,13 @@ def test_distances_within_a_reach_are_those_without():
     every = np.arange(len(tube.corners))
     exact = np.min([tube.apart(x, np.full(len(x), triangle)) for triangle in every], axis=0)
     assert np.array_equal(tube.distance(x), exact)
-    for reach in (1e-3, 0.02, 0.3):  # by a grid, and for a long reach by a search of all triangles
+    for reach in (1e-3, 0.02, 0.3):  # by a grid, and for a long reach by a search among all triangles
         near = exact <= reach
         assert near.any()
         assert not near.all()
         assert np.array_equal(tube.distance(x, reach)[near], exact[near])
         assert (tube.distance(x, reach)[~near] > reach).all()
+    assert np.array_equal(tube.distance(x, 0.0) <= 0, exact <= 0)
 
 
 def test_sides_are_those_of_the_winding_number():
