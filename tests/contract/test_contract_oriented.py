@@ -250,7 +250,8 @@ def test_fed_grains_continue_from_a_checkpoint_bit_for_bit(oriented, bed):
 def test_checkpoints_and_packings_of_other_clumps_are_refused(oriented, bed):
     """Of clumps of three spheres, where clumps have two: they have springs of a sphere that is not there."""
     scene = silo(oriented)
-    assert isinstance(scene.grains, Clumps)
+    if not isinstance(scene.grains, Clumps):
+        pytest.skip("rods have no spheres")
     pair = scene.grains.model_copy(
         update={"centres": scene.grains.centres[:2], "diameters": scene.grains.diameters[:2]}
     )
