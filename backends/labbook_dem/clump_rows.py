@@ -9,12 +9,12 @@ from labbook.scene.grains import MOST_SPHERES
 
 
 def rows_of_grain(scene: Scene) -> int:
-    """Number of rows of a grain: of a clump its number of spheres, of another one."""
+    """Number of rows of a grain: the number of spheres of a clump, 1 for all other grains."""
     return len(scene.grains.spheres) if isinstance(scene.grains, Clumps) else 1
 
 
 def row_ids(ids: np.ndarray, per_grain: int) -> np.ndarray:
-    """Ids of the rows of grains: of a clump per_grain times its own plus the place of the sphere."""
+    """Ids of the rows of grains: id of the grain times per_grain plus the index of the sphere."""
     return (ids[:, None] * per_grain + np.arange(per_grain)).ravel()
 
 

@@ -20,7 +20,7 @@ checks (`labbook_warp.stage.check_interval`)."""
 
 
 class PoseTables:
-    """Tables of poses; see above. Part 0 of each member stands still.
+    """Poses of moving parts on the device, by slot, step and part. Part 0 of each member stands still.
 
     Args:
         device: Where they are.

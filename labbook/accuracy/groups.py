@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from labbook.filling.bed import PACKED, bed_height_ahead
+from labbook.filling.bed import PACKED, expected_bed_height
 from labbook.scene import Scene
 from labbook.scene.timescales import collision
 
@@ -65,7 +65,7 @@ def groups(scene: Scene, dt: float, stiffness_scale: float) -> Groups | None:
         The groups; None without an outlet or gravity, with several materials of grains or walls, or where bed or law do
         not determine pressure or overlap.
     """
-    outlet, height = scene.container.outlet_form, bed_height_ahead(scene)
+    outlet, height = scene.container.outlet_form, expected_bed_height(scene)
     across = scene.container.across
     if outlet is None or height is None or across is None or scene.gravity == 0:
         return None

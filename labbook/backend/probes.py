@@ -300,5 +300,5 @@ def _adapter(kind: type[Probe]) -> TypeAdapter[Probe]:
 
 
 def film_probe(every: float, grains: Grains) -> Film:
-    """Return the probe that records a frame every `every` seconds; frames of rods include orientations."""
+    """Return the probe that records a frame every `every` seconds; frames of rods and clumps include orientations."""
     return Film(every, ("x", "v") if not grains.oriented else ("x", "v", "q"))

@@ -101,7 +101,7 @@ class Find(Goal):
         numbers = {"target": _number(wish[quantity], units[quantity], f"{key}.{quantity}")}
         numbers["within"] = _number(wish["within"], "", f"{key}.within")
         if not 1e-4 <= numbers["within"] < 1:
-            refuse([Fault(f"{key}.within", "a part from 0.0001 to 1 is needed", "write 1 %")])
+            refuse([Fault(f"{key}.within", "a fraction from 0.0001 to 1 is needed", "write 1 %")])
         if numbers["target"] <= 0:
             refuse([Fault(f"{key}.{quantity}", "a value above 0 is needed", _EXAMPLE)])
         return {"key": key, "quantity": quantity, **numbers}

@@ -101,7 +101,7 @@ class FitLaw(Goal):
                 faults.append(Fault(f"{law}.{name}", f"{fraction}: {error}", _EXAMPLE))
             else:
                 if not 1e-4 <= fractions[name] < 1:
-                    faults.append(Fault(f"{law}.{name}", "a part from 0.0001 to 1 is needed", "write 2 %"))
+                    faults.append(Fault(f"{law}.{name}", "a fraction from 0.0001 to 1 is needed", "write 2 %"))
         refuse(faults)
         return {"law": law, "errors": fractions}
 
@@ -219,7 +219,7 @@ class FitLaw(Goal):
             return f"{answer}. Promise not tested: no held-out bed has a value"
         word = "kept" if agrees else "not kept"
         off = " and ".join(deviations)
-        return f"{answer}. Promise {word}: {HELD_OUT} held-out beds at each end lie off the law by {off}"
+        return f"{answer}. Promise {word}: {HELD_OUT} held-out beds at each end deviate from the law by {off}"
 
     def _wishes(self) -> str:
         return " and ".join(f"{name} to {percent(fraction)}" for name, fraction in self.errors.items())

@@ -91,7 +91,7 @@ class Prediction:
 
     @property
     def agrees(self) -> bool | None:
-        """True if the measured value lies within the interval, whose width has its error; None without one."""
+        """True if the measured value lies within the interval, which includes its error; None without one."""
         return None if self.measured is None else self.interval.low <= self.measured <= self.interval.high
 
 
@@ -320,8 +320,8 @@ class Inference:
     def experiments(self) -> list[Experiment]:
         """Compare possible next measurements, the best one first.
 
-        They are each quantity of the runs at each condition of this study, with the smallest relative error of the
-        measurements.
+        They are each quantity of the runs at each condition of the measurements, with the smallest relative error of
+        these.
         """
         draws = self.draws()
         off = draws - draws.mean(axis=0)

@@ -246,7 +246,7 @@ def _fraction(raw: Any, key: str, least: float) -> float:
     except (ValueError, TypeError):
         fraction = math.nan
     if not least <= fraction < 1:
-        refuse([Fault(key, f"{raw}: a part from {least:g} to 1 is needed", "write 2 %")])
+        refuse([Fault(key, f"{raw}: a fraction from {least:g} to 1 is needed", "write 2 %")])
     return fraction
 
 

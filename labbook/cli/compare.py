@@ -24,7 +24,7 @@ def register(app: typer.Typer) -> None:
         margin: Annotated[
             float,
             typer.Option(
-                min=1e-6, max=1, help="Margin of equivalence: relative difference of means that counts as none."
+                min=1e-6, max=1, help="Equivalence margin: largest relative difference of means that counts as equal."
             ),
         ] = 0.03,
         replicates: Annotated[

@@ -30,7 +30,7 @@ def register(app: typer.Typer) -> None:
             bool, typer.Option("--peer", help="With --lab: also test between this host and another one.")
         ] = False,
     ) -> None:
-        """List what is installed, and test every backend shortly on each device. Exit status 1 if none works.
+        """List what is installed, and run a short test of every backend on each device. Exit status 1 if none works.
 
         With --lab, test the file system of a folder: free space, locks between two processes, atomic rename, fsync,
         its clock, and the index. With --lab and --peer, wait for the same command with the same folder on another

@@ -26,7 +26,7 @@ class Frame(NamedTuple):
         x: Centres [m], shape [n, 3], in single precision.
         v: Velocities [m/s], shape [n, 3], in single precision.
         ids: Names of the grains, shape [n].
-        q: Orientations of rods as quaternions, shape [n, 4]; None for spheres.
+        q: Orientations of rods and clumps as quaternions, shape [n, 4]; None for spheres.
     """
 
     time: float

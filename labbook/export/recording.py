@@ -77,7 +77,7 @@ class RecordedRun:
     def of(cls, data: RunData, sample: Mapping[str, np.ndarray] | None, name: str, **attributes: Any) -> "RecordedRun":
         """Make a run ready for a recording.
 
-        Contact forces are left out where there are more than FORCES places of grains.
+        Contact forces are left out where there are more than FORCES positions of grains in all frames.
 
         Args:
             data: Run.

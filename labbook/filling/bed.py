@@ -13,7 +13,7 @@ PACKED = 0.55
 """Packing fraction assumed for a bed that does not exist yet."""
 
 
-def unbraked(grains: Grains, contact: ContactLaw) -> bool:
+def rolls_without_end(grains: Grains, contact: ContactLaw) -> bool:
     """True if grains may roll without end: spheres without rolling friction; rods and clumps, whatever theirs is."""
     return grains.oriented or contact.rolling_friction == 0
 
@@ -30,14 +30,14 @@ def at_rest(scene: Scene, packing: Packing, below: float, moving: float) -> bool
         scene: Scene of the bed.
         packing: The bed.
         below: Kinetic energy of a grain [m g d] below which it counts as still.
-        moving: Fraction of the grains that may move: one grain at least, but never the only one.
+        moving: Fraction of the grains that may move; at least one grain, and at most all but one.
     """
     still = fastest_points(scene.grains, packing) < math.sqrt(2 * below * scene.gravity * scene.grains.diameter)
     allowed = min(max(1, int(moving * len(still))), len(still) - 1)
     return len(still) - int(still.sum()) <= allowed
 
 
-def astray(closed: Scene, packing: Packing) -> np.ndarray:
+def outside_container(closed: Scene, packing: Packing) -> np.ndarray:
     """Mark the grains of a packing outside the container, shape [n].
 
     They lie behind a wall, below the plane of the outlet, or below every wall that could carry them. `closed`: the
@@ -64,7 +64,7 @@ def bed_height(grains: Grains, packing: Packing, floor: float) -> float:
     return 2 * float(middle - floor)
 
 
-def bed_height_ahead(scene: Scene) -> float | None:
+def expected_bed_height(scene: Scene) -> float | None:
     """Expected height [m] of a level bed above the outlet (or the bottom of a box), at a packing fraction of PACKED.
 
     None if the container does not define its volume.

@@ -171,7 +171,7 @@ def _box(bounds: str) -> tuple[float, float]:
         low, high = map(float, ends)
     except ValueError:
         raise GrainFileError(
-            f"ITEM: BOX BOUNDS: {bounds.strip()[:40]!r} are no two ends; the box must be upright"
+            f"ITEM: BOX BOUNDS: {bounds.strip()[:40]!r} are not two numbers; the box must be orthogonal"
         ) from None
     return low, high
 
@@ -185,7 +185,7 @@ def _check_units(units: str) -> None:
 
 
 def _item(lines: Sequence[str], heads: Sequence[int], before: int, title: str) -> list[str]:
-    """Return the lines of the last item of a title before a line."""
+    """Return the lines of the last item titled `title` that begins before line `before`; empty if there is none."""
     start = max((number for number in heads if number < before and lines[number].startswith(title)), default=None)
     if start is None:
         return []
@@ -193,8 +193,8 @@ def _item(lines: Sequence[str], heads: Sequence[int], before: int, title: str) -
 
 
 _RODS = (
-    "it has orientations of ellipsoids, which are no spherocylinders; write a CSV file with the columns ax, ay and az, "
-    "the direction of each rod's axis"
+    "it has orientations of ellipsoids, which are not spherocylinders; write a CSV file with the columns ax, ay and "
+    "az, the direction of each rod's axis"
 )
 
 
@@ -225,7 +225,7 @@ def _data(text: str) -> GrainTable:
     if "Velocities" in heads:
         moving = section("Velocities", _MOVING)
         if not np.array_equal(moving["id"], columns["id"]):
-            raise GrainFileError("the sections Atoms and Velocities have other ids")
+            raise GrainFileError("the sections Atoms and Velocities have different ids")
         columns |= moving
     return _sorted(columns, "a section Atoms of atom_style sphere")
 

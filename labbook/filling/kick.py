@@ -42,8 +42,8 @@ def kick_grains(start: Packing, scene: Scene, kick: Kick, seed: int) -> Packing:
         seed: Seed of the bed.
 
     Returns:
-        The same grains. Each component of their velocities [m/s] is larger by a normal number of standard deviation
-        SPEED sqrt(g d*). A bed that lies and moves in one plane y = const stays in it.
+        The same grains. Each component of their velocities [m/s] is changed by a normal random number of standard
+        deviation SPEED sqrt(g d*). A bed that lies and moves in one plane y = const stays in it.
     """
     rng = np.random.default_rng([kick.version, kick.discharge, seed])
     change = rng.normal(scale=SPEED * scene.gravity * gravity_time(scene), size=start.v.shape)

@@ -134,7 +134,7 @@ class Column(Start):
         room, grains = _room(closed, self), closed.grains
         diameter, sort = None, None
         if isinstance(grains, Spheres) and grains.varied:
-            diameter, sort = assort(grains, self.version, seed)
+            diameter, sort = draw_sizes_and_kinds(grains, self.version, seed)
         solid, placed, highest = grains.count * grains.volume, 0, room.bottom
         equal = diameter is None and isinstance(grains, Spheres)
         for top in room.tops(self.volume(closed), solid, JAMMED if equal else DENSEST):
@@ -249,7 +249,7 @@ class Dense(Start):
         assert not isinstance(grains, Clumps)
         diameter, sort = None, None
         if isinstance(grains, Spheres) and grains.varied:
-            diameter, sort = assort(grains, self.version, seed)
+            diameter, sort = draw_sizes_and_kinds(grains, self.version, seed)
         beside = self.beside * grains.diameter
         level = room.level_for(self.volume(closed), beside)
         lowest = room.level_for(_ROOM * grains.count * grains.volume)  # where few grains find a place, as in a tip
@@ -541,7 +541,7 @@ _STREAM = 1
 """Part of the seed of the generator of sizes and kinds, which separates it from that of positions."""
 
 
-def assort(grains: Spheres, version: int, seed: int) -> tuple[np.ndarray | None, np.ndarray | None]:
+def draw_sizes_and_kinds(grains: Spheres, version: int, seed: int) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Draw sizes and kinds of grains.
 
     The number of each kind is its share, to the nearest whole grain; which grains they are, and each diameter, is

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from labbook.filling.entering import Search, entering
-from labbook.filling.placing import APART, assort
+from labbook.filling.placing import APART, draw_sizes_and_kinds
 from labbook.filling.room import PlacingError, Room
 from labbook.scene import BedTop, Bodies, Packing, Scene, Spheres
 from labbook.scene.bodies import masses
@@ -49,7 +49,7 @@ class Pouring:
         none = np.zeros((grains.count, 3))
         diameter, kind = None, None
         if isinstance(grains, Spheres) and grains.varied:
-            diameter, kind = assort(grains, VERSION, seed)
+            diameter, kind = draw_sizes_and_kinds(grains, VERSION, seed)
         q = np.tile([1.0, 0, 0, 0], (grains.count, 1)) if grains.oriented else None
         self.every = every or Packing(x=none, v=none, omega=none, q=q, diameter=diameter, kind=kind)
         self.order = _order(scene, stream, self.every.kind, np.random.default_rng([VERSION, seed, 1]))

@@ -19,7 +19,7 @@ import numpy as np
 
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.database import add_measurements
-from labbook.lab.folder import EVALUATION, LabFolder, is_beside, remove, stamp
+from labbook.lab.folder import EVALUATION, LabFolder, is_derived, remove, stamp
 from labbook.lab.identity import scene_key
 from labbook.lab.records import Observe, RunRecord, Unreadable, repeat
 from labbook.lab.runs import open_run, read_recording, run_data
@@ -191,7 +191,7 @@ def _read_kept(path: Path) -> Evaluated | None:
 def _content(folder: Path) -> str:
     """Hash of the record in a folder and of the names and sizes of its data files: the content that an evaluation
     depends on."""
-    entries = [entry for entry in os.scandir(folder) if not (is_beside(entry.name) or entry.name.startswith("."))]
+    entries = [entry for entry in os.scandir(folder) if not (is_derived(entry.name) or entry.name.startswith("."))]
     files = sorted((entry.name, entry.stat().st_size) for entry in entries)
     # Tables are not hashed: that would take as long as an evaluation. They change only together with the record.
     records = [(folder / name).read_bytes() for name, _ in files if name.endswith(".json")]

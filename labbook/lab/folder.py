@@ -281,7 +281,7 @@ class LabFolder:
         return folders(self.works)
 
     def touched(self) -> set[str]:
-        """Keys with any entry in the work folder: unfinished work, or the lock file of a killed process."""
+        """Keys with any entry in the work folder: unfinished work, or a lock file, of a running or a killed process."""
         try:
             return {name.removesuffix(".lock").removesuffix(".look") for name in os.listdir(self.works)}
         except FileNotFoundError:
@@ -369,7 +369,7 @@ def stamp(folder: Path) -> int:
     try:
         if folder.is_symlink():
             return 0
-        entries = (entry for entry in os.scandir(folder) if not is_beside(entry.name))
+        entries = (entry for entry in os.scandir(folder) if not is_derived(entry.name))
         stats = [(entry.name, entry.stat(follow_symlinks=False)) for entry in entries]
     except (FileNotFoundError, NotADirectoryError):
         return 0
@@ -378,7 +378,7 @@ def stamp(folder: Path) -> int:
     return int.from_bytes(hashlib.blake2b(repr(files).encode(), digest_size=7).digest(), "big")  # fits SQLite's integer
 
 
-def is_beside(name: str) -> bool:
+def is_derived(name: str) -> bool:
     """Decide whether the file `name` of a run is not part of its data: an evaluation, or its picture."""
     return name.startswith(EVALUATION) or name == PICTURE
 

@@ -32,7 +32,7 @@ from labbook.lab.database import (
     upsert,
 )
 from labbook.lab.evaluations import derive, expected, finite
-from labbook.lab.folder import LabError, LabFolder, folders, is_beside, make_folder, remove, stamp
+from labbook.lab.folder import LabError, LabFolder, folders, is_derived, make_folder, remove, stamp
 from labbook.lab.packings import PackingRecord, add_checksum, has_checksum, read_packing
 from labbook.lab.records import UNREADABLE, Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, run_data
@@ -406,7 +406,7 @@ def stamps(folder: Path) -> dict[str, int]:
 
 
 def _size(folder: Path) -> int:
-    files = (entry for entry in os.scandir(folder) if entry.is_file() and not is_beside(entry.name))
+    files = (entry for entry in os.scandir(folder) if entry.is_file() and not is_derived(entry.name))
     return sum(entry.stat().st_size for entry in files)
 
 

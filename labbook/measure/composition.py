@@ -225,7 +225,7 @@ def _sums(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _residuals(mass: np.ndarray, labelled: np.ndarray, share: np.ndarray, mean: np.ndarray | float) -> np.ndarray:
-    """Deviation of each grain whose mean over a bin is that of the mass fraction from `share`, to first order."""
+    """Contribution of each grain to x_i - `share`: its mean over a bin is that deviation, to first order."""
     return mass / mean * (labelled - share)
 
 

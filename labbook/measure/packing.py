@@ -7,7 +7,7 @@ import numpy as np
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
-from labbook.filling.bed import PACKED, bed_height_ahead, discharged_at
+from labbook.filling.bed import PACKED, discharged_at, expected_bed_height
 from labbook.measure.clipped import disc_in_rectangle
 from labbook.measure.data import RunData
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
@@ -136,7 +136,7 @@ class PackingStructure(Measure):
 
     def foreseen_empty(self, scene: Scene) -> tuple[str, str] | None:
         """Forecast that the bulk will be too small, from the height of a level bed."""
-        height = bed_height_ahead(scene) if has_bulk(scene) else None
+        height = expected_bed_height(scene) if has_bulk(scene) else None
         if height is None:
             return None
         outlet = scene.container.outlet_plane or 0.0

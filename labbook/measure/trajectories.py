@@ -30,7 +30,7 @@ class Trajectories:
     kind: np.ndarray | None = None
     """Names of the grains' kinds, shape [n]; None without kinds."""
     q: np.ndarray | None = None
-    """Of rods, unit quaternions (w, x, y, z) whose rotation takes the z axis to the rod's, shape [f, n, 4]."""
+    """Of rods and clumps, unit quaternions (w, x, y, z) that turn the z axis to the long axis, shape [f, n, 4]."""
 
     @classmethod
     def of(cls, run: RunData) -> "Trajectories | None":

@@ -229,7 +229,7 @@ def _height(item: Item, lab: LabFolder) -> float | None:
 def _too_low(file: Path, end: float, lowest: dict[PointDemand, tuple[float, float | None]]) -> str:
     """Text of the warning that the bed falls to `stop.fill_height` before the window ends."""
     shared, (reached, height) = min(lowest.items(), key=lambda entry: entry[1][0])
-    stop, height_now = shared.stop.fill_height, height or shared.height_ahead
+    stop, height_now = shared.stop.fill_height, height or shared.expected_height
     assert stop is not None
     assert height_now is not None
     start = shared.study.window.start
@@ -485,7 +485,7 @@ def _soft(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Iterat
     """Warn of grains so soft that the weight of the bed alone overlaps them by more than the guard allows."""
     by_youngs = "youngs_modulus" in study.definition.get("contact", {})
     for shared, shape in points:
-        numerics = shared.filled_by
+        numerics = shared.filling_numerics
         scene = shared.scene.stiffened(numerics.stiffness_scale)
         grains = scene.grains
         youngs = by_youngs or "contact.youngs_modulus" in shared.point.at

@@ -90,14 +90,14 @@ class PointDemand:
         return self.point.numerics
 
     @property
-    def filled_by(self) -> Numerics:
+    def filling_numerics(self) -> Numerics:
         """Numerics of the filling."""
         numerics = self.point.fill.numerics or self.numerics
         return numerics if self.packings_of is None else _in_precision(numerics, self.packings_of.precision)
 
     def maker(self, backend: Capabilities) -> Maker:
         """Return the backend and numerics of the packings of runs on `backend`."""
-        return Maker(backend if self.packings_of is None else self.packings_of.backend, self.filled_by)
+        return Maker(backend if self.packings_of is None else self.packings_of.backend, self.filling_numerics)
 
     @property
     def scene_key(self) -> str:
@@ -231,7 +231,7 @@ class PointDemand:
 
     @property
     def default_names(self) -> frozenset[str]:
-        """Numbers of stop rule, guards and recording that the study leaves to labbook."""
+        """Names of the values of stop rule, guards and recording that the study does not state."""
         stop, record = self.study.stop, self.study.record
         has_speed_limit = (
             "speed_limit" in self.study.definition.get("numerics", {}) or "numerics.speed_limit" in self.point.at
@@ -245,10 +245,10 @@ class PointDemand:
         return frozenset(name for name, is_default in defaults.items() if is_default)
 
     @property
-    def height_ahead(self) -> float | None:
+    def expected_height(self) -> float | None:
         """Expected height [m] of the bed in a flat-bottomed silo at a packing fraction of PACKED; None of other
         containers."""
-        return None if flat_area(self.scene.container) is None else bed.bed_height_ahead(self.scene)
+        return None if flat_area(self.scene.container) is None else bed.expected_bed_height(self.scene)
 
     def reach(self, height: float | None = None) -> float:
         """Discharged fraction at which the stop rule ends a run; infinite for a fed bed.
@@ -257,7 +257,7 @@ class PointDemand:
             height: Height of the bed [m]; None: as expected.
         """
         stop = self.stop
-        if stop.fill_height is None or (height := height or self.height_ahead) is None:
+        if stop.fill_height is None or (height := height or self.expected_height) is None:
             return stop.discharged
         return min(stop.discharged, max(0.0, 1 - stop.fill_height / height))
 
@@ -352,7 +352,7 @@ class Demand:
         fill, scene = self.point.fill, self.shared.scene
         start, moving = placing.STARTS[fill.kind], fill.moving
         if moving is None:
-            rolls = "settled_below" not in fill.model_fields_set and bed.unbraked(
+            rolls = "settled_below" not in fill.model_fields_set and bed.rolls_without_end(
                 scene.grains, fill.contact or scene.contact
             )
             moving = start.moving if rolls else 0.0
@@ -388,7 +388,7 @@ class Demand:
         maker = (backend, version)
         if shared.packings_of is not None:
             maker = (shared.packings_of.backend.name, shared.packings_of.backend.cache_version)
-        packing = identity.packing_key(shared.closed_key, self.filling, shared.filled_by, *maker)
+        packing = identity.packing_key(shared.closed_key, self.filling, shared.filling_numerics, *maker)
         experiment = identity.experiment_key(shared.scene_key, packing, self.kick)
         return identity.run_key(experiment, shared.numerics, backend, version)
 
@@ -403,7 +403,7 @@ class Demand:
         opened, closed = scenes or shared.lineage_scenes
         maker_name = backend if shared.packings_of is None else shared.packings_of.backend.name
         return identity.lineage_from(
-            opened, closed, self.filling, shared.filled_by, maker_name, shared.numerics, backend, self.kick
+            opened, closed, self.filling, shared.filling_numerics, maker_name, shared.numerics, backend, self.kick
         )
 
     def older_lineages(self, backend: str) -> Iterator[tuple[str, str]]:

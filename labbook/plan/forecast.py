@@ -10,7 +10,7 @@ from labbook.backend import Backend, Spec
 from labbook.backend.machine import pace, wide_vectors
 from labbook.backend.probes import Contacts, Probe, Sample, Traction, Zone
 from labbook.filling import placing
-from labbook.filling.bed import PACKED, bed_height_ahead
+from labbook.filling.bed import PACKED, expected_bed_height
 from labbook.lab.catalogue import Catalogue
 from labbook.lab.records import RunRecord, Unreadable
 from labbook.measure.expected import mass_flow
@@ -65,6 +65,7 @@ def beyond_caches(grains: float) -> float:
 _ZEN4 = "one core of an AMD EPYC with AVX-512"
 _ZEN3 = "one core of an AMD EPYC without AVX-512"
 _H200 = "an NVIDIA H200"
+_H100 = "an NVIDIA H100"
 _H200_COPIES = 4.0e12
 """Copy bandwidth of that device, reads plus writes [bytes/s] (docs/gpu-backend.md)."""
 _HOST = 1.5e-3  # 1 ms a beat with one probe (beside an H200) to 6 ms with three (beside an H100): docs/gpu-backend.md
@@ -84,6 +85,9 @@ MEASURED = {
     ("warp", "cuda", "sphere", "double", None): StepCost(5.0e-6, 2.7e-10, 4, _H200, _HOST),
     ("warp", "cuda", "spherocylinder", "mixed", None): StepCost(1.0e-5, 3.0e-10, 8, _H200, _HOST),
     ("warp", "cuda", "spherocylinder", "double", None): StepCost(1.0e-5, 5.9e-10, 8, _H200, _HOST),
+    # of three spheres; in double no speed was measured, and that of spheres and rods is half of the other
+    ("warp", "cuda", "clump", "mixed", None): StepCost(1.0e-5, 1.0e-9, 8, _H100, _HOST),
+    ("warp", "cuda", "clump", "double", None): StepCost(1.0e-5, 2.0e-9, 8, _H100, _HOST),
 }
 """Measured costs by backend, kind of device, shape, precision and, for processors, vectors of 512 bits.
 
@@ -361,7 +365,9 @@ def fill_work(demand: Demand, fill_times: Mapping[str, float] = _NO_TIMES) -> fl
     """Grain-steps of a filling, by the mean duration `fill_times` of earlier fillings of the container where there are
     any."""
     shared, duration = demand.shared, fill_times.get(demand.shared.closed_key)
-    return shared.scene.grains.count * (duration / shared.filled_by.dt if duration else outline(shared).fill_steps)
+    return shared.scene.grains.count * (
+        duration / shared.filling_numerics.dt if duration else outline(shared).fill_steps
+    )
 
 
 def fill_time(demand: Demand) -> float:
@@ -378,7 +384,9 @@ def settling_time(demand: Demand) -> float:
     fall = math.sqrt(2 * top / scene.gravity) if scene.gravity > 0 else math.inf
     expected = demand.shared.pouring_time + SETTLING * fall
     until = demand.point.fill.until
-    return min(demand.shared.longest_filling, expected if until is None else max(until, demand.shared.filled_by.beat))
+    return min(
+        demand.shared.longest_filling, expected if until is None else max(until, demand.shared.filling_numerics.beat)
+    )
 
 
 def disk_of(demand: Demand) -> float:
@@ -460,15 +468,15 @@ def _make_outline(shared: PointDemand) -> Outline:
     extent = grains.extent
     orifice = vars(scene.container).get("orifice")
     limit = largest_stable_step(scene.stiffened(shared.numerics.stiffness_scale))
-    if shared.filled_by == shared.numerics:
+    if shared.filling_numerics == shared.numerics:
         limit = min(limit, largest_stable_step(shared.closed.stiffened(shared.numerics.stiffness_scale)))
     return Outline(
         dt,
         limit,
-        fill_time(shared.run(1)) / shared.filled_by.dt,
+        fill_time(shared.run(1)) / shared.filling_numerics.dt,
         discharge_time(shared) / dt,
         extent,
         None if orifice is None else orifice / extent,
-        bed_height_ahead(scene),
+        expected_bed_height(scene),
         grains.count * BYTES[grains.shape],
     )

@@ -47,7 +47,7 @@ def specified(backend: Backend, shared: PointDemand) -> tuple[Spec, Spec]:
     if specs is None or specs[0] is not backend:
         closed = shared.closed
         shared.identify(closed)  # while the walls of both scenes are at hand
-        filling = backend.specialise(shared.lifted or closed, shared.filled_by, ())
+        filling = backend.specialise(shared.lifted or closed, shared.filling_numerics, ())
         discharge = backend.specialise(shared.scene, shared.numerics, shared.declared)
         specs = shared.specs = _shared_instance(backend, filling, discharge)
     return specs[1], specs[2]
@@ -118,7 +118,7 @@ def _surface_too_fast(shared: PointDemand) -> str | None:
 
 
 def _lifted_too_fast(shared: PointDemand) -> str | None:
-    mobilise, limit = shared.point.fill.mobilise, shared.filled_by.speed_limit
+    mobilise, limit = shared.point.fill.mobilise, shared.filling_numerics.speed_limit
     if mobilise is None or mobilise.velocity <= limit:
         return None
     return (

@@ -334,7 +334,7 @@ def provenance_table(results: StudyResults) -> Table:
             text = "; ".join(distinct[:6]) + (f"; and {len(distinct) - 6} more" if len(distinct) > 6 else "")
         rows.append((name.replace("_", " "), text))
     rows += [(f"analysis: {package.use}", package.made_by) for package in used_by_analysis(results.study)]
-    return Table(("fact", "of the runs"), tuple(rows), frozenset({0, 1}))
+    return Table(("item", "value"), tuple(rows), frozenset({0, 1}))
 
 
 def runs_table(results: StudyResults) -> Table:

@@ -1,6 +1,6 @@
 """A measured quantity between the swept values of a key, and the key's value that gives a wanted quantity.
 
-The law of the study is used if the points allow it. If not, the quantity is interpolated (`labbook.stats.response`).
+The law of the study is used if the points allow it. If not, the quantity is interpolated (`labbook.fit.interpolation`).
 Neither goes beyond the swept range. Points at which more than a fifth of the runs clogged are left out: the others are
 a biased sample.
 """

@@ -22,7 +22,7 @@ from typing import Any
 from labbook.backend import BackendMissing, Unsupported, load
 from labbook.lab import studies
 from labbook.lab.catalogue import Catalogue
-from labbook.lab.folder import LabError, LabFolder, is_beside, room
+from labbook.lab.folder import LabError, LabFolder, is_derived, room
 from labbook.lab.index import Index
 from labbook.lab.journal import PROGRESS, Progress
 from labbook.lab.merge import merge
@@ -193,7 +193,7 @@ def read(folder: Path) -> Files:
     return {
         entry.name: Path(entry.path).read_bytes()
         for entry in sorted(entries, key=lambda entry: entry.name)
-        if not (is_beside(entry.name) and entry.name != "picture.png") and not entry.name.startswith(".")
+        if not (is_derived(entry.name) and entry.name != "picture.png") and not entry.name.startswith(".")
     }
 
 

@@ -142,12 +142,12 @@ class DischargeJob(Job):
 
     def _pouring(self) -> Pouring | None:
         """The stream of the filling, which goes on; None if all grains have entered."""
-        filling, filled_by = self.demand.filling, self.demand.shared.filled_by
+        filling, filling_numerics = self.demand.filling, self.demand.shared.filling_numerics
         if filling.stream is None or filling.until is None or self._packing.waiting is None:
             return None
         assert self._packing.ids is not None
         every = self._packing.renumbered(np.argsort(self._packing.ids))
-        since = math.ceil(filling.until / filled_by.beat * (1 - 1e-12)) * filled_by.beat
+        since = math.ceil(filling.until / filling_numerics.beat * (1 - 1e-12)) * filling_numerics.beat
         return Pouring(self.demand.shared.closed, filling.stream, filling.seed, self.numerics.beat, every, since)
 
     @cached_property
@@ -323,7 +323,7 @@ class DischargeJob(Job):
         super().after(status, tables, cost)
 
     @property
-    def lacks_grains(self) -> bool:
+    def needs_refill(self) -> bool:
         """True if grains that have left are to be fed; a saved state includes those fed after its beat."""
         if self._feeder is None or not self._has_advanced or self._stream_is_over:
             return False
@@ -352,7 +352,7 @@ class DischargeJob(Job):
             return self.demand.shared.stop.still and self._is_waiting
         return self._has_advanced and (self._due_push is not None if self._is_stuck else self._is_waiting)
 
-    def intervene(self, ensemble: Ensemble, member: Member, bed: Packing) -> None:
+    def break_arch(self, ensemble: Ensemble, member: Member, bed: Packing) -> None:
         """Record a stop of the flow if the grains near the outlet are at rest; push them if arches are broken."""
         if not self._is_stuck:
             flows = isinstance(self._feeder, Pouring) and not self._stream_is_over
@@ -519,7 +519,7 @@ class DischargeJob(Job):
         if probe is None:
             return None
         shared = self.demand.shared
-        return BeforeOpening(self.context.backend, shared.closed, shared.filled_by, probe)
+        return BeforeOpening(self.context.backend, shared.closed, shared.filling_numerics, probe)
 
     def _record(self, verdict: str) -> RunRecord:
         """Make the record of the run, without its ledger."""

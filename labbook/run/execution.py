@@ -229,7 +229,7 @@ class Execution:
 
         Only the beds that are needed are read, all in one go: reading one alone takes longer than many of its steps.
         """
-        tops = ensemble.tops({member: job.floor for member, job in jobs.items() if job.lacks_grains})
+        tops = ensemble.tops({member: job.floor for member, job in jobs.items() if job.needs_refill})
         refills = zip(tops, refill([jobs[member].refill(top) for member, top in tops.items()]), strict=True)
         entering = {member: grains for member, grains in refills if grains is not None}
         ensemble.put_back_all(entering)
@@ -239,7 +239,7 @@ class Execution:
         with ensemble.reading(pausing):
             beds = [ensemble.bed(member) for member in pausing]
         for member, bed in zip(pausing, beds, strict=True):
-            jobs[member].intervene(ensemble, member, bed)
+            jobs[member].break_arch(ensemble, member, bed)
 
     def _trace(self, worker: EnsembleWorker, new: int, result: BeatResult) -> None:
         """Log a beat, to show what waits for what."""

@@ -15,7 +15,7 @@ from labbook.backend.contract import StoredState
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.filling import PlacingError, Pouring, Refill, place
-from labbook.filling.bed import astray, at_rest
+from labbook.filling.bed import at_rest, outside_container
 from labbook.filling.placing import STARTS
 from labbook.lab import identity
 from labbook.lab.folder import Claim
@@ -135,7 +135,7 @@ class FillJob(Job):
     @property
     def numerics(self) -> Numerics:
         """Numerics of the filling."""
-        return self.demand.shared.filled_by
+        return self.demand.shared.filling_numerics
 
     @property
     def is_placed(self) -> bool:
@@ -205,7 +205,7 @@ class FillJob(Job):
         return self._entered < self.scene.grains.count
 
     @property
-    def lacks_grains(self) -> bool:
+    def needs_refill(self) -> bool:
         """True while grains of a stream have still to enter, after a good beat."""
         return self._pours and self._end_time != 0 and self._has_advanced and self.status.grains == self._entered_before
 
@@ -533,7 +533,7 @@ def losses(
     assert packing.ids is not None
     count, plane = entered or scene.grains.count, scene.container.outlet_plane
     missing = np.setdiff1d(np.arange(scene.grains.count), packing.ids)[: max(0, count - len(packing))]
-    outside = packing.ids[astray(scene, packing)]
+    outside = packing.ids[outside_container(scene, packing)]
     number = len(missing) + len(outside)
     if not number:
         return ""

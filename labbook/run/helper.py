@@ -174,7 +174,7 @@ class IdleHelpers:
             return self._helpers.pop() if self._helpers else None
 
     def put_back(self, helper: HelperProcess) -> None:
-        """Keep a helper whose run has ended, unless it has, or there are enough."""
+        """Keep a helper whose run has ended; end it if it is busy or MAX_HELPERS are kept already."""
         with self._lock:
             keeps = helper.is_idle and len(self._helpers) < MAX_HELPERS
             if keeps:

@@ -238,7 +238,7 @@ class Job(ABC):
         return
 
     @property
-    def lacks_grains(self) -> bool:
+    def needs_refill(self) -> bool:
         """True if grains are put into the member after this beat."""
         return False
 
@@ -257,10 +257,10 @@ class Job(ABC):
 
     @property
     def pauses(self) -> bool:
-        """True if the flow may have stopped, so that `intervene` examines the bed after this beat."""
+        """True if the flow may have stopped, so that `break_arch` examines the bed after this beat."""
         return False
 
-    def intervene(self, ensemble: Ensemble, member: Member, bed: Packing) -> None:
+    def break_arch(self, ensemble: Ensemble, member: Member, bed: Packing) -> None:
         """Record a stop of the flow, and break the arch. `bed`: present packing of the member."""
         return
 

@@ -213,7 +213,7 @@ class JobQueue:
         expected_kernels = []
         for shared, count in islice(Counter(fillings.values()).items(), _MAX_COMPILED_AHEAD):
             filling, _ = specified(self._context.backend, shared)
-            expected_kernels.append(Expected(filling, shared.closed, shared.filled_by, count))
+            expected_kernels.append(Expected(filling, shared.closed, shared.filling_numerics, count))
         for shared, count in islice(Counter(runs).items(), _MAX_COMPILED_AHEAD):
             _, discharge = specified(self._context.backend, shared)
             expected_kernels.append(Expected(discharge, shared.scene, shared.numerics, count))

@@ -101,7 +101,7 @@ class Meter:
         self.work += work
 
     def look(self, idle: bool) -> None:
-        """Record whether all jobs are idle: none takes steps, since all are placed or wait for kernels.
+        """Record whether all jobs are idle: none takes steps, since all place grains or wait for kernels.
 
         The history is cleared then: a rate that includes time spent compiling would be misleading.
         """

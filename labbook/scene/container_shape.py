@@ -226,7 +226,7 @@ class ContainerShape(Model, ABC):
         """List the walls, open or closed as the container is.
 
         Returns:
-            Walls, those that a study lists after the container's own.
+            Walls: the container's own first, then those that a study lists.
         """
 
     @abstractmethod

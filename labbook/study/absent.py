@@ -20,7 +20,7 @@ class Absent:
     """Message that names the missing feature."""
     remedy: str
     key: str = ""
-    """The key beside it that then is missing, and is not told of as well."""
+    """Required key that the word replaces in other codes; that it is missing is then not reported too."""
 
 
 _NO_MESH = "a surface from a file is a part of a container"
@@ -33,7 +33,7 @@ _INFLOW = "new grains enter by the stream of the filling, and grains that have l
 _FEED = f"use fill: {{kind: stream, until: 1 s, {_STREAM}, which goes on after the opening, or feed: {{kind: rate}}"
 _OWN_WALLS = "use container: {kind: primitives, parts: [...]} with planes, strips, frustums and meshes as walls"
 
-_PERIODIC = "a wedge-hopper and a box may repeat along y, and nothing else does"
+_PERIODIC = "only a wedge-hopper or a box can be periodic, and only along y"
 _SIDES = "state periodic: y in such a container, in place of its front and back wall"
 
 TABLE = (
@@ -66,14 +66,14 @@ TABLE = (
     Absent(
         ". container",
         "outlets orifices holes outlet2 orifice2 secondoutlet secondorifice twooutlets openings",
-        "a container has one outlet",
+        "this key is for one outlet",
         f"{_OWN_WALLS}: leave a gap for each outlet, with a part `opens: start` in it, and state outlet_plane; to vary "
         "one outlet, sweep container.orifice",
     ),
     Absent(
         "container.orifice",
         "[]",
-        "a container has one outlet",
+        "this key is for one outlet",
         "for a flow rate of each width write sweep: {container.orifice: [...]}; for several outlets at once use kind: "
         "primitives",
     ),
@@ -216,13 +216,13 @@ TABLE = (
         "fit",
         "criticalsize nocriticalsize zuriguel thomasdurian thomas avalanche avalanches clogging powerlawtail",
         "laws of avalanches are not named here",
-        "add clogging to measure: its laws of D/d are fitted and compared by themselves",
+        "add clogging to measure: its laws of D/d are fitted and compared automatically",
     ),
     Absent(
         "fit",
         "janssen hydrostatic vanelclement",
         "laws of the stress on walls are not named here",
-        "add wall_stress to measure: three models of Janssen's law are fitted and compared by themselves",
+        "add wall_stress to measure: three models of Janssen's law are fitted and compared automatically",
     ),
     Absent(
         "fill",

@@ -191,7 +191,7 @@ class CalibrateReader:
             fraction = math.nan
         if not least <= fraction < 1:
             meaning = " (standard deviation between the model and reality, over the value)" * (place_of[0] == _KEYS[1])
-            self._problem(place_of, f"a part from {least:g} to 1 is needed{meaning}", "write 3 %")
+            self._problem(place_of, f"a fraction from {least:g} to 1 is needed{meaning}", "write 3 %")
         return fraction
 
     def _batch(self, raw: Mapping[str, Any]) -> int | None:

@@ -32,7 +32,7 @@ class Citation:
 class Bibliography:
     """The sources of a study, labbook first, then in the order in which the study uses them.
 
-    `unstated`: parts of the study from other packages that state no source.
+    `unsourced`: parts of the study from other packages that state no source.
     """
 
     citations: tuple[Citation, ...]

@@ -102,7 +102,7 @@ def rest_at_end(platform: Platform, part: str, start: MemberStart) -> Generator[
     """Check that a bed comes to rest, that walls bear its weight, and that it gains no energy on the way.
 
     Yields:
-        Endings of the four checks.
+        Endings of the three checks.
 
     Returns:
         The motion.

@@ -54,7 +54,7 @@ def energies(trajectory: Trajectory, ledger: Ledger, contacts: Contacts) -> np.n
     return totals["kinetic"] + np.bincount(index, stored, len(totals["step"]))
 
 
-def wandering(platform: Platform, law: str, steps_per_collision: int) -> tuple[float, float]:
+def energy_drift(platform: Platform, law: str, steps_per_collision: int) -> tuple[float, float]:
     """Largest relative change of energy, and mean number of contacts at a reading."""
     soft, start = gas(law)
     dt = duration(soft, SPEED * math.sqrt(2)) / steps_per_collision
@@ -69,8 +69,8 @@ def wandering(platform: Platform, law: str, steps_per_collision: int) -> tuple[f
 
 def _gas(law: str):
     def run(platform: Platform) -> Mapping[str, float]:
-        finest, busy = wandering(platform, law, 2000)
-        coarse, _ = wandering(platform, law, 500)
+        finest, busy = energy_drift(platform, law, 2000)
+        coarse, _ = energy_drift(platform, law, 500)
         return {
             "largest change of energy": finest,
             "|order in dt - 2|": abs(math.log(coarse / finest, 4) - 2),

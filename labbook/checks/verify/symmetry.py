@@ -23,7 +23,7 @@ _FACTORS = {"x": 4.0, "v": 2.0, "omega": 0.5, "pair_spring": 4.0, "wall_spring":
 
 
 def hopper(length: float = 1.0) -> Scene:
-    """A hopper of 12 x 80 grains with an eccentric outlet of 6.5; all lengths times `length`, moduli with rho L."""
+    """Hopper 12 d wide and 80 d high with an eccentric outlet of 6.5 d. `length`: factor of all lengths and moduli."""
     d = D * length
     silo = WedgeHopper(width=12 * d, height=80 * d, thickness=1.01 * d, angle=1.0, orifice=6.5 * d, gap=2 * d)
     grains = spheres(COUNT).model_copy(update={"diameter": d})

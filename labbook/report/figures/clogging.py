@@ -50,7 +50,13 @@ def _avalanches(longer: "Axes", hazards: "Axes", stopped: Sequence[PointClogging
         _survival(longer, stopped[index], place)
         _hazard(hazards, stopped[index], place)
     longer.plot([0, 6], [1, math.exp(-6)], color=FAINT, linewidth=0.8, zorder=1)
-    longer.set(yscale="log", ylim=(2e-3, 1.2), xlim=(0, 6), xlabel="grains $s$ / mean avalanche", ylabel="part longer")
+    longer.set(
+        yscale="log",
+        ylim=(2e-3, 1.2),
+        xlim=(0, 6),
+        xlabel="grains $s$ / mean avalanche",
+        ylabel="fraction that is longer",
+    )
     longer.legend(loc="upper right", title="$D/d$", title_fontsize=6.5)
     hazards.axhline(1, color=FAINT, linewidth=0.8, zorder=1)
     hazards.set(xlabel="grains $s$ / mean avalanche", ylabel="stops per grain / $q$", ylim=(0, None))
@@ -77,7 +83,7 @@ def _times(ax: "Axes", points: Sequence[PointClogging]) -> None:
         ax.step(curve.x, curve.p, where="post", color=colour, linewidth=0.9, label=label)
         begins.append(float(curve.x[np.argmax(curve.p < _BEGIN)]))
         ends.append(float(curve.p[curve.p > 0].min()))
-    ax.set(xscale="log", yscale="log", xlabel="time between grains $T$ [s]", ylabel="part longer")
+    ax.set(xscale="log", yscale="log", xlabel="time between grains $T$ [s]", ylabel="fraction that is longer")
     ax.set_xlim(left=min(begins))
     ax.set_ylim(min(ends) / 5, 1.5)
     ax.legend(loc="lower left", title="$D/d$", title_fontsize=6.5)

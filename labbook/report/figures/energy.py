@@ -41,6 +41,6 @@ def energy_balance(points: Sequence[PointResult]) -> "Figure":
         ax.set_yticks(range(len(points)), [verbatim(result.label) for result in points])
         ax.invert_yaxis()
         ax.set_xlim(left=0)
-        ax.set_xlabel("part of the released power")
+        ax.set_xlabel("fraction of the released power")
         figure.legend(loc="outside upper right", ncols=5)
     return figure

@@ -20,7 +20,7 @@ _ISOCHRONES = 6
 def residence_maps(points: Sequence[PooledMap]) -> "Figure":
     """Draw for each point the time to leave over the initial position with isochrones, and the layers in the outflow.
 
-    Hatched: cells of which less than half had left at the end of the run.
+    Grey: cells of which less than half had left at the end of the run.
     """
     from matplotlib.figure import Figure
 
@@ -84,7 +84,7 @@ def residence_distributions(points: Sequence[PooledCurve]) -> "Figure":
             left.plot(pooled.age, mean, color=color, label=verbatim(pooled.result.label))
             right.stairs(np.diff(mean) / np.diff(pooled.age), pooled.age, color=color)
         left.axhline(1.0, color=FAINT, linewidth=0.6, zorder=0)
-        left.set_ylabel("shorter residence, $F$")
+        left.set_ylabel("cumulative distribution, $F$")
         right.set_ylabel("exit-age distribution, $E$ [1/s]")
         for ax in (left, right):
             ax.set_xlabel("residence time, $t$ [s]")

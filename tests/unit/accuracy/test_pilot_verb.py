@@ -35,7 +35,7 @@ def test_the_pilot_has_the_first_the_middle_and_the_last_point_in_every_setting(
 def test_settings_that_fill_alike_share_their_beds(tmp_path):
     made = pilot(load(study_file(tmp_path)), 3)
     filled = {
-        (PointDemand(made, point).closed_key, PointDemand(made, point).filled_by.model_dump_json())
+        (PointDemand(made, point).closed_key, PointDemand(made, point).filling_numerics.model_dump_json())
         for point in made.points
     }
     assert len(filled) == len({setting[2] for setting in SETTINGS})

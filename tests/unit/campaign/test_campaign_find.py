@@ -287,7 +287,7 @@ def test_a_study_states_it(tmp_path):
     ("{find: {}}", "adapt.find: one swept key with what it shall give is needed"),
     ("{find: {container.orifice: {flow_rate: 28 g/s}}}", "one quantity and `within` are needed"),
     ("{find: {container.orifice: {flow_rate: 28 mm, within: 1 %}}}", "a quantity in kg/s is needed"),
-    ("{find: {container.orifice: {flow_rate: 28 g/s, within: 200 %}}}", "a part from 0.0001 to 1 is needed"),
+    ("{find: {container.orifice: {flow_rate: 28 g/s, within: 200 %}}}", "a fraction from 0.0001 to 1 is needed"),
     ("{find: {container.orifice: {flow: 28 g/s, within: 1 %}}}", "this is no quantity that is pooled over beds"),
     ("{find: {container.orifice: {packing_fraction: 0.6, within: 1 %}}}", "add packing to measure"),
     ("{find: {container.angle: {flow_rate: 28 g/s, within: 1 %}}}", "the study sweeps container.orifice"),

@@ -143,7 +143,7 @@ def asked(folder, adapt: str, orifices: str = "[19, 40]"):
     ("{fit: {beverlo: {k: 1 %}}}", "there is no such law"),
     ("{fit: {beverloo: {kk: 1 %}}}", "the law has no such parameter"),
     ("{fit: {beverloo: {k: 1 mm}}}", "a number without unit is needed"),
-    ("{fit: {beverloo: {k: 300 %}}}", "a part from 0.0001 to 1 is needed"),
+    ("{fit: {beverloo: {k: 300 %}}}", "a fraction from 0.0001 to 1 is needed"),
     ("{fit: {beverloo: {C: 1 %}}}", "C rests on the packing fraction"),
     ("{fit: {beverloo_3d: {k: 1 %}}}", "beverloo_3d is a law for a hole"),
 ])  # fmt: skip

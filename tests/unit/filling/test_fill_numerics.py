@@ -56,7 +56,7 @@ def test_keys_are_those_that_the_backends_version_gives():
 
 def test_what_the_filling_leaves_out_is_that_of_the_flow():
     one = study(numerics={"precision": "mixed", "dt": "0.05 rayleigh"}, fill={"numerics": {"stiffness_scale": 4}})
-    flow, fill = one.points[0].numerics, PointDemand(one, one.points[0]).filled_by
+    flow, fill = one.points[0].numerics, PointDemand(one, one.points[0]).filling_numerics
     assert (fill.precision, fill.stiffness_scale) == ("mixed", 4)
     assert fill.dt == pytest.approx(flow.dt / 2)  # the Rayleigh time goes as one over the root of the modulus
 
@@ -85,7 +85,7 @@ def test_unknown_keys_are_named_where_they_stand():
 
 def test_a_sweep_may_vary_the_step_of_the_filling():
     one = study(sweep={"fill.numerics.dt": "[2.5, 5] us"})
-    assert [PointDemand(one, point).filled_by.dt for point in one.points] == [2.5e-6, 5e-6]
+    assert [PointDemand(one, point).filling_numerics.dt for point in one.points] == [2.5e-6, 5e-6]
     assert [point.at["fill.numerics.dt"] for point in one.points] == [2.5e-6, 5e-6]
     assert len(set(packings(one))) == 2
 

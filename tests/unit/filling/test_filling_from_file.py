@@ -157,7 +157,7 @@ def test_columns_of_a_csv_file_have_their_units():
         (b"write_data, units = cgs" + DATA, "in units cgs"),
         (DATA.replace(b"# sphere", b"# ellipsoid"), "line 10: atom style ellipsoid"),
         (DATA + b"\nEllipsoids\n\n1 1 1 2 1 0 0 0\n", "ellipsoids"),
-        (DATA.replace(b"\n2 0 0 -1", b"\n3 0 0 -1"), "other ids"),
+        (DATA.replace(b"\n2 0 0 -1", b"\n3 0 0 -1"), "different ids"),
     ],
 )
 def test_what_cannot_be_read_is_named(content, message):

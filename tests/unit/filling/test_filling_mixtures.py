@@ -12,7 +12,7 @@ from scipy.stats import kstest, truncnorm
 
 from labbook.backend.numerics import Numerics
 from labbook.filling import place
-from labbook.filling.placing import assort, whole_numbers
+from labbook.filling.placing import draw_sizes_and_kinds, whole_numbers
 from labbook.lab.tables import read_table, write_table
 from labbook.measure import RunData
 from labbook.measure.flow import FlowRate
@@ -45,7 +45,7 @@ def scene(grains: Spheres, thickness=1.01 * D) -> Scene:
 )
 def test_diameters_follow_their_distribution(sizes, law):
     grains = spheres(100_000, sizes=sizes)
-    diameter, kind = assort(grains, 1, 1)
+    diameter, kind = draw_sizes_and_kinds(grains, 1, 1)
     assert kind is None
     assert kstest(diameter, *law if isinstance(law, tuple) else (law,)).pvalue > 1e-3
     low, high = sizes.range(D)
@@ -62,7 +62,7 @@ def packing(diameter, kind=None) -> Packing:
 
 def test_the_seed_decides_who_is_what_and_shares_are_exact():
     grains = spheres(1001, kinds=KINDS)
-    (d1, k1), (d2, k2), (_, other) = (assort(grains, 1, seed) for seed in (1, 1, 2))
+    (d1, k1), (d2, k2), (_, other) = (draw_sizes_and_kinds(grains, 1, seed) for seed in (1, 1, 2))
     assert np.array_equal(d1, d2)
     assert np.array_equal(k1, k2)
     assert not np.array_equal(k1, other)

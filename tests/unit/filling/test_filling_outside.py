@@ -9,7 +9,7 @@ import pytest
 from labbook import picture
 from labbook.export.wall_shapes import TRANSPARENT_COLOUR, WALL_COLOUR, drawn_walls
 from labbook.filling import PlacingError
-from labbook.filling.bed import astray
+from labbook.filling.bed import outside_container
 from labbook.filling.leaks import leak
 from labbook.filling.placing import place
 from labbook.filling.room import Room
@@ -74,7 +74,7 @@ def test_a_vessel_is_filled(count):
     start = place(closed, "rain", 1)
     assert len(start) == count
     assert (TUBE.shape.distance(start.x) >= D / 2).all()
-    assert not astray(closed, start).any()
+    assert not outside_container(closed, start).any()
     assert start.x[:, 2].min() < 3 * R, "from the bottom on"
 
 

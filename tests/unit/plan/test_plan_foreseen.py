@@ -12,7 +12,7 @@ from toy_lab import STUDY, labbook, study_file
 
 from labbook.backend import Device, Survey, Unsupported
 from labbook.backend.machine import Pace
-from labbook.filling.bed import PACKED, bed_height_ahead
+from labbook.filling.bed import PACKED, expected_bed_height
 from labbook.lab import Catalogue
 from labbook.measure import MEASURES
 from labbook.measure.region import bulk, bulk_below
@@ -263,19 +263,19 @@ def scene(container, grains=None) -> Scene:
 def test_heights_of_beds():
     volume = 4000 * math.pi / 6 * 27e-9 / PACKED
     flat = WedgeHopper(width=0.1, height=1, thickness=3.1e-3, orifice=0.03)
-    assert bed_height_ahead(scene(flat)) == pytest.approx(volume / (0.1 * 3.1e-3))
-    assert bed_height_ahead(scene(CylinderSilo(diameter=0.1, height=1, orifice=0.03))) == pytest.approx(
+    assert expected_bed_height(scene(flat)) == pytest.approx(volume / (0.1 * 3.1e-3))
+    assert expected_bed_height(scene(CylinderSilo(diameter=0.1, height=1, orifice=0.03))) == pytest.approx(
         volume / (math.pi / 4 * 0.01)
     )
-    assert bed_height_ahead(scene(Box(width=0.1, depth=0.05, height=1))) == pytest.approx(volume / 0.005)
-    assert bed_height_ahead(scene(Primitives())) is None
+    assert expected_bed_height(scene(Box(width=0.1, depth=0.05, height=1))) == pytest.approx(volume / 0.005)
+    assert expected_bed_height(scene(Primitives())) is None
 
 
 @pytest.mark.parametrize("diameter", [0.06, 1.0])
 def test_the_height_of_a_bed_in_a_cone(diameter):
     """Above the cone, and within it: pi/3 ((r + z tan a)^3 - r^3)/tan a below z."""
     silo = ConicalSilo(diameter=diameter, height=2, angle=math.radians(30), orifice=0.02)
-    z, slope, volume = bed_height_ahead(scene(silo)), math.tan(math.radians(30)), 4000 * math.pi / 6 * 27e-9 / PACKED
+    z, slope, volume = expected_bed_height(scene(silo)), math.tan(math.radians(30)), 4000 * math.pi / 6 * 27e-9 / PACKED
     assert z is not None
     cone = min(z, silo.rise)
     inside = math.pi / 3 * ((0.01 + slope * cone) ** 3 - 0.01**3) / slope
@@ -288,7 +288,7 @@ def test_the_height_of_a_bed_in_an_eccentric_wedge():
     from scipy.integrate import quad
 
     hopper = WedgeHopper(width=0.1, height=1, thickness=3.1e-3, orifice=0.02, angle=math.radians(50), gap=0.01)
-    z = bed_height_ahead(scene(hopper))
+    z = expected_bed_height(scene(hopper))
     slope = math.tan(math.radians(50))
     width = lambda h: 0.02 + min(0.01, slope * h) + min(0.07, slope * h)  # noqa: E731
     area = quad(width, 0, z, points=[0.01 / slope, 0.07 / slope])[0]
@@ -512,7 +512,7 @@ def test_what_is_foreseen_of_a_packing_is_what_is_measured(tmp_path):
             contact=LinearSpringDashpot(normal_stiffness=1e3),
             container=CylinderSilo(diameter=0.036, height=0.4, orifice=0.016),
         )
-        surface = (bed_height_ahead(scene) or 0.0) / 1.1
+        surface = (expected_bed_height(scene) or 0.0) / 1.1
         side = np.arange(-0.018, 0.018, 1e-3)
         x, y = (axis.ravel() for axis in np.meshgrid(side, side))
         tops = np.column_stack([x, y, np.full(len(x), surface - 1.5e-3)])[np.hypot(x, y) < 0.0165]

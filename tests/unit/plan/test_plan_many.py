@@ -11,7 +11,7 @@ from labbook_toy import Backend
 from toy_lab import carry_out, study, study_file
 
 from labbook.backend.numerics import Numerics
-from labbook.filling.bed import PACKED, bed_height_ahead, discharged_at
+from labbook.filling.bed import PACKED, discharged_at, expected_bed_height
 from labbook.lab import Catalogue, LabFolder, identity
 from labbook.plan import plan as planning
 from labbook.plan.advice import foresee
@@ -80,7 +80,7 @@ def test_walls_that_are_made_without_validation_are_those_that_it_gives(containe
 @given(CONTAINERS, st.integers(10, 100_000))
 def test_a_bed_is_as_high_as_the_volume_of_its_grains_asks(container, count):
     made = scene(container, grains=GRAINS.model_copy(update={"count": count}))
-    height = bed_height_ahead(made)
+    height = expected_bed_height(made)
     assert height is not None
     assert abs(discharged_at(made, height) or 0.0) < 1e-12, f"at a packing fraction of {PACKED} all grains lie below"
 

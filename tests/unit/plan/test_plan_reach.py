@@ -41,7 +41,7 @@ def test_a_bed_discharges_down_to_the_asked_height_or_the_asked_part(tmp_path):
     asked = study(tmp_path, "stop: {fill_height: 20 mm}")
     shared = PointDemand(asked, asked.points[0])
     scene = shared.scene
-    ahead = shared.height_ahead
+    ahead = shared.expected_height
     assert ahead is not None
     assert ahead == pytest.approx(200 * scene.grains.volume / (PACKED * 0.06 * 1.01 * 0.003))
     assert shared.reach() == pytest.approx(1 - 0.02 / ahead)
@@ -49,7 +49,7 @@ def test_a_bed_discharges_down_to_the_asked_height_or_the_asked_part(tmp_path):
     assert shared.reach(1.0) == 0.65, "the part comes first"
     assert shared.reach(0.01) == 0, "it is too low from the start"
     conical = load(STUDIES / "conical-silo.yaml")
-    assert PointDemand(conical, conical.points[0]).height_ahead is None
+    assert PointDemand(conical, conical.points[0]).expected_height is None
     plain = PointDemand(study(tmp_path), asked.points[0])
     assert discharge_time(shared) / discharge_time(plain) == pytest.approx(shared.reach() / 0.65)
 

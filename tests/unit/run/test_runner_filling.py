@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from toy_lab import carry_out, study
 
-from labbook.filling.bed import astray, at_rest, fastest_points
+from labbook.filling.bed import at_rest, fastest_points, outside_container
 from labbook.lab.packings import ARRAYS, read_packing
 from labbook.lab.records import RunRecord, Unreadable
 from labbook.lab.runs import check_keys
@@ -314,12 +314,14 @@ def test_grains_outside_a_container_are_found():
     law = LinearSpringDashpot(normal_stiffness=1e3)
     x = np.array([[0, 0, 1.5e-3], [0, 0, -1e-3], [0.03, 0, 0.1], [0, 0, -0.02]])
     silo = Scene(grains=grains, contact=law, container=CylinderSilo(diameter=0.05, height=1, orifice=0.02)).close()
-    assert astray(silo, Packing(x=x, v=0 * x, omega=0 * x)).tolist() == [False, True, True, True]
+    assert outside_container(silo, Packing(x=x, v=0 * x, omega=0 * x)).tolist() == [False, True, True, True]
     plate = Wall(name="plate", shape=Strip(start=(-1, -0.01), end=(1, -0.01)))
     for plane, lost in ((None, [False, False, False, True]), (0.0, [False, True, False, True])):
         parts = Primitives(parts=(plate,), outlet_plane=plane)
         free = Scene(grains=grains, contact=law, container=parts)
-        assert astray(free, Packing(x=x, v=0 * x, omega=0 * x)).tolist() == lost
+        assert outside_container(free, Packing(x=x, v=0 * x, omega=0 * x)).tolist() == lost
     tilted = Wall(name="tilted", shape=Plane(point=(0, 0, -0.1), normal=(0.1, 0, 1)))
     free = Scene(grains=grains, contact=law, container=Primitives(parts=(plate, tilted)))
-    assert not astray(free, Packing(x=x, v=0 * x, omega=0 * x)).any(), "an inclined plane goes on below the plate"
+    assert not outside_container(free, Packing(x=x, v=0 * x, omega=0 * x)).any(), (
+        "an inclined plane goes on below the plate"
+    )

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.stats import kstest, lognorm, norm, truncnorm
 
 from labbook.filling import place
-from labbook.filling.placing import assort
+from labbook.filling.placing import draw_sizes_and_kinds
 from labbook.scene import (
     CylinderSilo,
     Kind,
@@ -84,7 +84,7 @@ def test_moments_of_uniform_and_normal_sizes():
 @pytest.mark.parametrize("by", ["number", "mass"])
 def test_drawn_diameters_follow_a_cut_lognormal(by):
     sizes = LogNormal(median=0.5 * D, spread=0.6, smallest=0.15 * D, by=by)
-    diameter, _ = assort(spheres(100_000, sizes=sizes), 1, 1)
+    diameter, _ = draw_sizes_and_kinds(spheres(100_000, sizes=sizes), 1, 1)
     assert diameter is not None
     middle = math.log(0.5) - (3 * 0.6**2 if by == "mass" else 0)
     low, high = (norm.cdf((math.log(cut) - middle) / 0.6) for cut in (0.15, 1.0))
@@ -100,7 +100,7 @@ def test_mass_fractions_of_a_table_are_those_of_the_grains():
         count=20_000,
         sizes=SizeTable(diameters=tuple(1e-3 * d for d in DIAMETERS), mass_fractions=MASS),
     )
-    diameter, _ = assort(grains, 1, 1)
+    diameter, _ = draw_sizes_and_kinds(grains, 1, 1)
     assert diameter is not None
     for size, fraction in zip(DIAMETERS, MASS, strict=True):
         mine = np.isclose(diameter, 1e-3 * size)
@@ -113,7 +113,7 @@ def test_number_fractions_of_a_table_are_exact_to_a_grain_whatever_the_seed():
     sizes = SizeTable(diameters=(D / 3, D / 2, D), number_fractions=(0.5, 0.3, 0.2))
     counts = []
     for seed in (1, 2):
-        diameter, _ = assort(spheres(1001, sizes=sizes), 1, seed)
+        diameter, _ = draw_sizes_and_kinds(spheres(1001, sizes=sizes), 1, seed)
         assert diameter is not None
         counts.append([int(np.sum(diameter == size)) for size in sizes.diameters])
         assert np.abs(np.array(counts[-1]) - 1001 * np.array((0.5, 0.3, 0.2))).max() < 1
@@ -122,11 +122,11 @@ def test_number_fractions_of_a_table_are_exact_to_a_grain_whatever_the_seed():
 
 def test_as_many_grains_as_a_list_has_diameters_are_the_list():
     diameters = tuple(np.linspace(0.5 * D, D, 97).tolist())
-    diameter, _ = assort(spheres(97, sizes=SizeList(diameters=diameters)), 1, 3)
+    diameter, _ = draw_sizes_and_kinds(spheres(97, sizes=SizeList(diameters=diameters)), 1, 3)
     assert diameter is not None
     assert sorted(diameter) == list(diameters)
     assert not np.array_equal(diameter, np.sort(diameter))
-    several, _ = assort(spheres(970, sizes=SizeList(diameters=diameters)), 1, 3)
+    several, _ = draw_sizes_and_kinds(spheres(970, sizes=SizeList(diameters=diameters)), 1, 3)
     assert several is not None
     assert np.array_equal(np.unique(several, return_counts=True)[1], np.full(97, 10))
 
@@ -146,7 +146,7 @@ def test_kinds_by_mass_have_the_shares_of_their_grains():
     grains = spheres(10_000, kinds=kinds)
     numbers = np.array([0.7 / 2500, 0.3 / (7800 / 8)])
     assert [one.share for one in grains.species] == pytest.approx(numbers / numbers.sum())
-    diameter, kind = assort(grains, 1, 1)
+    diameter, kind = draw_sizes_and_kinds(grains, 1, 1)
     assert diameter is not None
     mass = np.where(kind == 1, 7800, 2500) * diameter**3
     assert mass[kind == 1].sum() / mass.sum() == pytest.approx(0.3, abs=1e-3)

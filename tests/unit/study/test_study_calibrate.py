@@ -40,7 +40,7 @@ def test_it_is_a_strategy_in_si(folder):
     [
         ("calibrate: 3", "a mapping of keys is needed"),
         ("calibrate: {discrepancy: 3 %}", "parameters with their priors are needed"),
-        (f"calibrate: {{{PARAMETERS}}}", "calibrate.discrepancy: a part from 0 to 1 is needed"),
+        (f"calibrate: {{{PARAMETERS}}}", "calibrate.discrepancy: a fraction from 0 to 1 is needed"),
         (f"calibrate: {{{PARAMETERS}, discrepancy: 3 %, prior: 2}}", "calibrate.prior: unknown key"),
         ("calibrate: {parameters: {contact.frictoin: {uniform: [0, 1]}}, discrepancy: 0}", "did you mean"),
         ("calibrate: {parameters: {contact.friction: {normal: [0, 1]}}, discrepancy: 0}", "is no prior"),

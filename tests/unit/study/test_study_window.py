@@ -3,7 +3,7 @@
 import pytest
 from toy_lab import WINDOW, labbook, study_file
 
-from labbook.filling.bed import bed_height_ahead, discharged_at
+from labbook.filling.bed import discharged_at, expected_bed_height
 from labbook.study import StudyError, load
 from labbook.study.pilot import pilot
 
@@ -18,7 +18,7 @@ def asked(folder, *more: str, count=1000, **changes):
 def test_it_ends_where_the_bed_is_as_high_as_1_2_widths(tmp_path):
     made = asked(tmp_path)
     scene = made.points[0].scene
-    height = bed_height_ahead(scene)
+    height = expected_bed_height(scene)
     assert height is not None
     assert height == pytest.approx(1000 * scene.grains.volume / 0.55 / (0.06 * 0.00303))
     # a flat bottom: the bed sinks in proportion
@@ -30,7 +30,7 @@ def test_it_ends_where_the_bed_is_as_high_as_1_2_widths(tmp_path):
 def test_what_has_left_a_hopper_is_counted_by_volume(tmp_path):
     made = asked(tmp_path, count=1000)
     steep = made.change({"container.angle": "30 deg"}).points[0].scene
-    half = bed_height_ahead(steep.model_copy(update={"grains": steep.grains.model_copy(update={"count": 500})}))
+    half = expected_bed_height(steep.model_copy(update={"grains": steep.grains.model_copy(update={"count": 500})}))
     assert half is not None
     assert discharged_at(steep, half) == pytest.approx(0.5)
 

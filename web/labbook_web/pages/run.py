@@ -135,7 +135,7 @@ def _has_address(name: str) -> bool:
 
 
 def curve(folder: Path, entry: Entry, record: RunRecord) -> tuple[list[dict[str, Any]], list[str]]:
-    """W(t) of a run with its window [SI], or None and the reasons."""
+    """List the curve W(t) of a run with its window [SI], and the reasons if there is none; both lists may be empty."""
     if record.scene.container.outlet_plane is None:
         return [], []
     run = ReadOnlyRun(point_of_run(record), record.seed, folder, entry)
