@@ -57,3 +57,17 @@ class RenamedAttribute:
         message = f"{type(instance).__name__}.{self._old_name} is now called {self._name}"
         warnings.warn_explicit(message, DeprecationWarning, *caller())
         return getattr(instance, self._name)
+
+
+def rename_in_subclass(subclass: type, old: str, new: str) -> None:
+    """Take over an attribute that a subclass, of another package, defines under its former name, and warn.
+
+    Args:
+        subclass: The class, as given to `__init_subclass__`.
+        old: Former name.
+        new: Name that the base class reads.
+    """
+    if old in vars(subclass) and new not in vars(subclass):
+        message = f"{subclass.__name__}.{old} is now called {new}"
+        warnings.warn_explicit(message, DeprecationWarning, *caller())
+        setattr(subclass, new, vars(subclass)[old])

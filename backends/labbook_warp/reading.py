@@ -76,7 +76,7 @@ class ReadableRun(Run, MemberState):
     def layer(self, slab: Slab) -> SlabGrains:
         """Return its grains in a slab."""
         rows = self.view.layer(self, slab)
-        return SlabGrains(rows[:, 0].astype(np.int64), rows[:, 1:4], rows[:, 4:])
+        return SlabGrains(rows[:, 0].astype(np.int64) // self.per_grain, rows[:, 1:4], rows[:, 4:])
 
     def contacts(self) -> np.ndarray:
         """Return its touching contacts."""

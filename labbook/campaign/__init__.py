@@ -4,6 +4,9 @@ A strategy proposes runs, generation by generation (`strategy.py`). `Campaign` r
 when it has ended (`campaign.py`). Making the runs is the task of other packages.
 """
 
+import warnings
+from typing import Any
+
 from labbook.campaign.calibrate import Calibrate, Prior
 from labbook.campaign.campaign import Campaign
 from labbook.campaign.find import Find
@@ -25,6 +28,7 @@ from labbook.campaign.strategy import (
     point_key,
 )
 from labbook.campaign.transition import Transition
+from labbook.warning import caller
 
 __all__ = [
     "STRATEGIES",
@@ -51,3 +55,10 @@ __all__ = [
     "Trial",
     "point_key",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "place":  # former name
+        warnings.warn_explicit("labbook.campaign.place is now called point_key", DeprecationWarning, *caller())
+        return point_key
+    raise AttributeError(f"module {__name__} has no attribute {name}")

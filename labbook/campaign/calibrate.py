@@ -68,6 +68,7 @@ class Calibrate(Goal):
     """
 
     name: ClassVar[str] = "calibrate"
+    version: ClassVar[int] = 2
     testing: ClassVar[int] = _TESTING
     beds: ClassVar[int] = _BEDS
     point_noun: ClassVar[str] = "parameter sets"

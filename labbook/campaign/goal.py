@@ -17,6 +17,7 @@ from labbook.campaign.strategy import Assignment, Generation, History, Proposal,
 from labbook.fit.interpolation import CLOGGED
 from labbook.scene.model import Fault, Internal, Model, refuse
 from labbook.scene.quantities import Duration, duration, whole
+from labbook.warning import rename_in_subclass
 
 HELD_OUT = 8
 """Number of held-out beds."""
@@ -129,6 +130,10 @@ class Goal(Strategy):
     """Largest device time [s], stated beside the goal."""
     _latest: tuple[Any, tuple[str, ...], Step] | None = PrivateAttr(default=None)
     """Study, keys of all runs, and the step after them."""
+
+    def __init_subclass__(cls, **further: Any):
+        rename_in_subclass(cls, "places", "point_noun")
+        super().__init_subclass__(**further)
 
     def propose(self, history: History) -> Proposal:
         """Propose the next generation; after the held-out runs, end with the verdict on the promise.

@@ -54,6 +54,7 @@ class Map(Goal):
     """
 
     name: ClassVar[str] = "map"
+    version: ClassVar[int] = 2
     testing: ClassVar[int] = _TESTING
     beds: ClassVar[int] = _BEDS
 

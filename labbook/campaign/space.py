@@ -143,7 +143,7 @@ class BedValues:
         index, seeds, values = (np.array(column) for column in zip(*rows, strict=True)) if rows else ([], [], [])
         settings = [[float(axis.unit(float(at[axis.key]))) for axis in axes] for at in where.values()]
         settings = np.array(settings).reshape(len(where), len(axes))[np.asarray(index, int)]
-        names = [tuple(float(at[key]) for key in noise_by) for at in where.values()]
+        names = [point_key({key: at[key] for key in noise_by}) for at in where.values()]
         groups = {name: number for number, name in enumerate(dict.fromkeys(names))}
         group_of = np.array([groups[name] for name in names], int)[np.asarray(index, int)]
         variance, of_beds_, repeats, by_group = _variances(index, seeds, values, group_of)
@@ -153,7 +153,7 @@ class BedValues:
 
     def noise_at(self, at: Mapping[str, float | str]) -> float:
         """Return the variance of the noise of a bed at values of keys; the mean of all where no run tells it."""
-        return self.noises.get(tuple(float(at[key]) for key in self.noise_by), self.variance)
+        return self.noises.get(point_key({key: at[key] for key in self.noise_by}), self.variance)
 
     @property
     def of_bed_means(self) -> float:

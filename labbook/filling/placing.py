@@ -232,7 +232,10 @@ class Dense(Start):
             yield Fault("fill.kind", "a dense start takes spheres and rods, not clumps", "use rain or gas")
 
     def volume(self, closed: Scene) -> float:
-        """Volume [m^3] of the grains at the density, wall effects of the front and back walls included."""
+        """Volume [m^3] of the grains at the density, wall effects of the front and back walls included.
+
+        Periodic sides count as such walls, so that beds between them begin looser than they could.
+        """
         grains = closed.grains
         thin = grains.diameter / closed.container.front_to_back
         density = max(self.density * (1 - 2 * self.beside * thin), self.layer * thin)

@@ -10,6 +10,7 @@ from labbook.filling.placing import APART, draw_sizes_and_kinds
 from labbook.filling.room import PlacingError, Room
 from labbook.scene import BedTop, Bodies, Packing, Scene, Spheres
 from labbook.scene.bodies import masses
+from labbook.scene.periodic import Y
 from labbook.scene.stream import Stream
 
 VERSION = 1
@@ -144,8 +145,10 @@ class Pouring:
         def draw(_: int, reach: np.ndarray) -> np.ndarray:
             return rng.uniform(low + reach[:, None], high - reach[:, None])
 
-        near = np.all((there.x > self._low - self._near) & (there.x < self._high + self._near), axis=1)
-        bed = there.subset(near)
+        near = (there.x > self._low - self._near) & (there.x < self._high + self._near)
+        if math.isfinite(self._scene.container.period):
+            near[:, Y] = True  # a grain beyond the other side may be near
+        bed = there.subset(near.all(axis=1))
         search = Search(self._radius[rows], bed, self._radius[bed.ids], rng, draw)
         [positions] = entering(self._room, self._scene.grains, [search], _TRIES)
         return positions.packing(self.every, rows, stream.velocity) if len(positions.rows) else None

@@ -235,13 +235,11 @@ def _near(x: np.ndarray, reach: np.ndarray, skin: float, period: float) -> tuple
         classes.append((left[:first], tree(x[left[:first]], period)))
         left = left[first:]
     pairs = []
-    for k, (larger, lever_lengths) in enumerate(classes):
+    for k, (larger, larger_tree) in enumerate(classes):
         largest = reach[larger[0]]
-        pairs.append(larger[lever_lengths.query_pairs(2 * largest + skin, output_type="ndarray")])
+        pairs.append(larger[larger_tree.query_pairs(2 * largest + skin, output_type="ndarray")])
         for smaller, second in classes[k + 1 :]:
-            near = lever_lengths.sparse_distance_matrix(
-                second, largest + reach[smaller[0]] + skin, output_type="ndarray"
-            )
+            near = larger_tree.sparse_distance_matrix(second, largest + reach[smaller[0]] + skin, output_type="ndarray")
             pairs.append(np.column_stack([larger[near["i"]], smaller[near["j"]]]))
     i, j = np.concatenate(pairs).T
     if reach[i].min(initial=np.inf) < reach.max():

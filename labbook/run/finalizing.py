@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future, wait
-from contextlib import suppress
 from itertools import cycle
 from queue import SimpleQueue
 
@@ -56,9 +55,11 @@ class Finalizer:
         self._thread.submit(self._start)
 
     def _start(self) -> None:
-        with suppress(HelperLost):  # whoever needs it tries again
+        try:
             self._helper = self._helper or idle_helpers.take()
             self._helper.call(load_packages)
+        except HelperLost:
+            self._helper = None  # whoever needs one takes another
 
     def close(self, job: Job, verdict: str, end_state: EndState) -> "Future[LabEntry]":
         """Submit a job whose last state is `end_state`: write and measure it. Packings come first, since runs wait for

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.scene.packing import Packing
+from labbook.warning import RenamedAttribute
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,8 @@ class BedTop:
         """Select the grains of a bed whose centres are above `height` [m]."""
         assert bed.ids is not None
         return cls(bed.ids, bed.ids, bed.x, bed.q).subset(bed.x[:, 2] > height)
+
+    part = RenamedAttribute("subset")
 
     def subset(self, mask: np.ndarray) -> "BedTop":
         """Select some of the grains above the height, by a mask of shape [m]."""

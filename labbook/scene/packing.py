@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from labbook.scene.grains import MOST_SPHERES
+from labbook.warning import RenamedAttribute
 
 _DOUBLE = ("x", "v", "omega")
 _PER_GRAIN = {"diameter": np.float64, "kind": np.int64}
@@ -147,6 +148,8 @@ class Packing:
         assert self.ids is not None
         order = np.argsort(self.ids)
         return order[np.searchsorted(self.ids, ids, sorter=order)]
+
+    part = RenamedAttribute("subset")
 
     def subset(self, rows: np.ndarray) -> "Packing":
         """Select grains.

@@ -130,8 +130,9 @@ def faults(container: ContainerShape, grains: Grains) -> Iterator[Fault]:
 
 
 def _repeats(part: Wall) -> bool:
-    """True for a part that is the same in all planes y = const, without an end along y."""
-    return part.moves is None and "planar" in part.shape.symmetries and part.shape.bounds.endless[Y]
+    """True for a part that is the same in all planes y = const, without an end along y; a surface that turns is not."""
+    still = part.moves is None and not part.motion.spin
+    return still and "planar" in part.shape.symmetries and part.shape.bounds.endless[Y]
 
 
 def _clear_of_sides(part: Wall, half: float) -> bool:

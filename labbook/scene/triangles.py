@@ -18,6 +18,7 @@ from labbook.scene.geometry import Bounds
 WELD = 1e-6
 """Distance, as a fraction of the diagonal of the box around a surface, below which two vertices are one."""
 _AT_ONCE = 400_000  # pairs of points and triangles in memory
+_POINTS = 20_000  # whose near triangles are in memory together
 _SLACK = 1 + 1e-9  # of bounds, against round-off
 _BESIDE = 1e-6
 """Distance from a triangle, as a fraction of the longest side of the box, at which its inner side is sought."""
@@ -272,6 +273,8 @@ class Triangles:
 
     def _close(self, x: np.ndarray, reach: float) -> np.ndarray:
         """Distances [m] as `distance` gives them, by a grid that lists the triangles near each of its cells."""
+        if len(x) > _POINTS:
+            return np.concatenate([self._close(x[k : k + _POINTS], reach) for k in range(0, len(x), _POINTS)])
         grid = self._grids.get(reach)
         if grid is None:
             if len(self._grids) == _GRIDS:
@@ -390,6 +393,9 @@ class Triangles:
     def _pierced(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lines of those that are vertical at `columns`, shape [k, 2], and heights z [m] at which they meet a triangle,
         each of shape [hits]."""
+        if len(columns) > _POINTS:
+            parts = [(k, *self._pierced(columns[k : k + _POINTS])) for k in range(0, len(columns), _POINTS)]
+            return np.concatenate([k + line for k, line, _ in parts]), np.concatenate([z for _, _, z in parts])
         line, triangle = self._from_above.near(columns)
         p, q = columns[line], self.corner_positions[triangle]
         near = ((p >= q[:, :, :2].min(axis=1)) & (p <= q[:, :, :2].max(axis=1))).all(axis=1)

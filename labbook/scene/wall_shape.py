@@ -3,13 +3,14 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from labbook.scene.geometry import Bounds, Mesh, Segment, contour, enclosed, extent, stands_over
 from labbook.scene.model import Model
 from labbook.scene.quantities import AngularSpeed, Speed
+from labbook.warning import rename_in_subclass
 
 Symmetry = Literal["planar", "axial"]
 """`planar`: the same in all planes y = const, between front and back walls; `axial`: the same all round x = y = 0."""
@@ -59,6 +60,10 @@ class WallShape(Model, ABC):
     if TYPE_CHECKING:  # a field of each shape
         kind: str
         """Name of the shape."""
+
+    def __init_subclass__(cls, **further: Any):
+        rename_in_subclass(cls, "pane", "is_transparent")
+        super().__init_subclass__(**further)
 
     @abstractmethod
     def distance(self, x: np.ndarray) -> np.ndarray:

@@ -79,16 +79,17 @@ class Emulator:
             from threadpoolctl import threadpool_limits
         except ImportError as missing:
             raise LearnMissing("scikit-learn") from missing
+        noise = np.broadcast_to(variance, len(values))
+        settings, values, beds, noise = _with_means(settings, values, beds, noise, of_beds)
+        # of rows, so that many beds of one setting change neither; values that are all equal are not divided
+        mean, scale = float(np.mean(values)), float(np.std(values)) or 1.0
         d = settings.shape[1]
-        mean, scale = float(np.mean(values)), float(np.std(values)) or 1.0  # values that are all equal are not divided
         lengths, bounds = np.append(np.full(d, 2.0), _FAR), np.array([*[_LENGTHS] * d, (_FAR, _FAR)])
         apart = np.append(np.full(d, _FAR), 1e-3 / _FAR)
         plane = ConstantKernel(_SLOPES**2, "fixed") * DotProduct(1.0, "fixed")
         deviation = ConstantKernel(0.1, _SIZES) * Matern(lengths, bounds, nu=2.5)  # pyright: ignore[reportArgumentType]
         same_bed = ConstantKernel(max(of_beds / scale**2, 1e-12), "fixed") * RBF(apart, "fixed")  # pyright: ignore[reportArgumentType]
-        noise = np.broadcast_to(np.maximum(variance, 1e-10 * scale**2), len(values))
-        settings, values, beds, noise = _with_means(settings, values, beds, noise, of_beds)
-        process = GaussianProcessRegressor(plane + deviation + same_bed, alpha=noise / scale**2)  # pyright: ignore[reportArgumentType]
+        process = GaussianProcessRegressor(plane + deviation + same_bed, alpha=noise / scale**2 + 1e-10)  # pyright: ignore[reportArgumentType]
         with warnings.catch_warnings(), threadpool_limits(1, "blas"):
             warnings.simplefilter("ignore", ConvergenceWarning)  # a length at its bound: the response is a plane there
             process.fit(_rows(settings, beds), (values - mean) / scale)

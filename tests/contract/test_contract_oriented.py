@@ -9,7 +9,7 @@ from platforms import Bundled, identical
 
 from labbook.backend import Failed, Unsupported
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Table, Traction, Zone, columns
+from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table, Traction, Zone, columns
 from labbook.checks.verify.clumps import SEED, clumps, clumps_at
 from labbook.checks.verify.platform import rows_of
 from labbook.checks.verify.rods import rods as rods_alone
@@ -37,8 +37,9 @@ FALLEN = {"spherocylinder": 100, "clump": 60}
 SILO = CylinderSilo(diameter=60e-3, height=0.5, orifice=36e-3, rotation=1.0)
 ZONE = Zone(radius=20e-3, low=-0.01, high=0.02, core=0.01, top=0.05)
 TRACTION = Traction(size=20e-3)
+SLAB = Slab(low=-0.01, high=0.02)
 SAMPLE, CROSSING, LEDGER, CONTACTS = Sample(("x", "omega", "q")), Crossing(), Ledger(), Contacts()
-PROBES = SAMPLE, CROSSING, LEDGER, CONTACTS, ZONE, TRACTION
+PROBES = SAMPLE, CROSSING, LEDGER, CONTACTS, ZONE, SLAB, TRACTION
 
 
 SCALE = 6e-3 / SEED.diameter
@@ -130,6 +131,19 @@ def test_a_zone_has_the_orientations_of_the_sample(discharge):
     assert 0 < inside.sum() < len(inside)
     for name in ("step", "id", "x", "z", "qw", "qx", "qy", "qz"):
         assert np.array_equal(zone[name], sample[name][inside])
+
+
+def test_a_slab_has_the_grains_of_the_sample(discharge):
+    _, rows, _ = discharge
+    sample, slab = rows[SAMPLE], rows[SLAB]
+    inside = SLAB.holds(sample["z"])
+    assert 0 < inside.sum() < len(inside)
+    of_sample, of_slab = (
+        np.lexsort((table["id"][mask], table["step"][mask]))
+        for table, mask in ((sample, inside), (slab, np.ones(len(slab["id"]), bool)))
+    )
+    for name in ("step", "id", "x", "y", "z"):
+        assert np.array_equal(slab[name][of_slab], sample[name][inside][of_sample]), name
 
 
 def test_traction_adds_up_the_contacts_with_walls(oriented, discharge):

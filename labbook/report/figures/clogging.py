@@ -81,7 +81,7 @@ def _times(ax: "Axes", points: Sequence[PointClogging]) -> None:
             ax.plot([tail.t_min, longest], start * power, color=colour, linestyle=DASHES[1], linewidth=0.9)
             label += f": α = {tail.alpha:.2f}"
         ax.step(curve.x, curve.p, where="post", color=colour, linewidth=0.9, label=label)
-        begins.append(float(curve.x[np.argmax(curve.p < _BEGIN)]))
+        begins.append(float(curve.x[np.argmax((curve.p < _BEGIN) & (curve.x > 0))]))
         ends.append(float(curve.p[curve.p > 0].min()))
     ax.set(xscale="log", yscale="log", xlabel="time between grains $T$ [s]", ylabel="fraction that is longer")
     ax.set_xlim(left=min(begins))

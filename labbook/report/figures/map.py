@@ -52,8 +52,8 @@ def design_map(surface: DesignSurface) -> "Figure":
         left_out = [_position(surface, result) for result in surface.left_out]
         if left_out:
             ax.scatter(*np.array(left_out).T, marker="x", s=26, color=INK, linewidths=1.1, zorder=3, clip_on=False)
-        for limits, limits_of_axis in zip((ax.set_xlim, ax.set_ylim), np.array([*used, *left_out]).T, strict=True):
-            low, high = min(-1.0, float(limits_of_axis.min())), max(1.0, float(limits_of_axis.max()))
+        for limits, coordinates in zip((ax.set_xlim, ax.set_ylim), np.array([*used, *left_out]).T, strict=True):
+            low, high = min(-1.0, float(coordinates.min())), max(1.0, float(coordinates.max()))
             limits(low - _ROOM * (high - low), high + _ROOM * (high - low))
         for axis, factor in zip((ax.xaxis, ax.yaxis), surface.factors, strict=True):
             _ticks(axis, factor, [float(result.at[factor.key]) for result in (*surface.points, *surface.left_out)])

@@ -85,12 +85,12 @@ def _vectors(ax: "Axes", flowing: Flowing, norm) -> None:
     # in ink: the light colours of fast grains would vanish on white, on screen and in grey
     arrows = ax.quiver(x * 1e3, z * 1e3, u * shrink, w * shrink, color=INK, **arrow)
     digit = float(f"{norm.vmax / 2:.1g}")
-    for speed, height in ((digit / 10, 0.4), (digit, 0.87)):
+    for speed, x in ((digit / 10, 0.4), (digit, 0.87)):
         # The arrow alone: a key's own label takes no room in the layout. As an image it is lost in SVG and PDF.
-        ax.quiverkey(arrows, height, _KEY, math.sqrt(speed), "", labelpos="W", coordinates="axes", rasterized=False)
+        ax.quiverkey(arrows, x, _KEY, math.sqrt(speed), "", labelpos="W", coordinates="axes", rasterized=False)
         ax.annotate(
             f"{speed:g} m/s",
-            (height, _KEY),
+            (x, _KEY),
             (-6, 0),
             "axes fraction",
             "offset points",

@@ -314,7 +314,7 @@ def test_a_case_that_fails_to_run_is_a_failed_verdict_with_the_reason(put):
     assert [case.name for case in select_cases(["rebound"])] == ["rebound"]
     (verdict,) = judge_all(select_cases(["rebound"]), Platform(load_backend("reference")))
     assert verdict.result == "failed"
-    assert verdict.note.startswith("case rebound of bed-extras 0.1: AttributeError: 'Stand' object has no attribute")
+    assert verdict.note.startswith("case rebound of bed-extras 0.1: AttributeError: 'Platform' object has no attribute")
     assert verdict.note.endswith("(bed_extras/case.py, line 3)")
 
 

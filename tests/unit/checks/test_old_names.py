@@ -1,10 +1,11 @@
 """Former names of attributes and of the module of test platforms: they give the same values, and warn."""
 
 from importlib import import_module
+from typing import ClassVar
 
 import pytest
 
-from labbook import Lab, Results, Run
+from labbook import Lab, Results, Run, campaign
 from labbook.checks.verify import platform
 from labbook.results.against import Line
 from labbook.results.arch import PointArches
@@ -13,6 +14,7 @@ from labbook.results.clogging import PointClogging
 from labbook.results.outlets import OutletResult
 from labbook.results.points import PointResult
 from labbook.results.series import Series
+from labbook.scene import BedTop, Packing, Plane
 from labbook.warning import RenamedAttribute
 
 RENAMED = [
@@ -27,6 +29,8 @@ RENAMED = [
     (PointResult, "interval", "acceleration_interval"),
     (Series, "diameters", "orifices"),
     (Share, "part", "relative"),
+    (Packing, "part", "subset"),
+    (BedTop, "part", "subset"),
 ]
 
 
@@ -52,3 +56,25 @@ def test_the_former_module_of_platforms_has_their_names(old, new):
     former = import_module("labbook.checks.verify." + "stand")
     with pytest.warns(DeprecationWarning, match=rf"is now labbook\.checks\.verify\.platform\.{new}"):
         assert getattr(former, old) is getattr(platform, new)
+
+
+def test_a_former_name_of_a_package_is_a_function():
+    with pytest.warns(DeprecationWarning, match="is now called point_key"):
+        assert getattr(campaign, "place") is campaign.point_key  # noqa: B009
+
+
+def test_classes_of_other_packages_may_define_former_names():
+    with pytest.warns(DeprecationWarning, match="Glass.pane is now called is_transparent"):
+
+        class Glass(Plane):
+            @property
+            def pane(self) -> bool:
+                return True
+
+    with pytest.warns(DeprecationWarning, match="Design.places is now called point_noun"):
+
+        class Design(campaign.Goal):
+            places: ClassVar[str] = "designs"
+
+    assert Glass(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)).is_transparent
+    assert Design.point_noun == "designs"

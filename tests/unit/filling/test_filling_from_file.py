@@ -146,7 +146,7 @@ def test_columns_of_a_csv_file_have_their_units():
         (b"x [m], y [m], z [m]\n1,2,3\n1,2\n", "line 3: 2 entries below 3 headings"),
         (b"x [m], y [m], z [m]\n1,2,b\n", "line 2: z: 'b' is not a number"),
         (b"x [m], y [m], z [m], radius [m]\n1,2,3,0\n", "grain 1: its diameter is not above 0"),
-        (DUMP.replace(b"0 0.5\n", b"0 0.5 0.1\n"), "the box must be upright"),
+        (DUMP.replace(b"0 0.5\n", b"0 0.5 0.1\n"), "the box must be orthogonal"),
         (DUMP.replace(b"7 2 0.25", b"7 1.5 0.25"), "types are not whole numbers"),
         (b"x [m], y [m], z [m]\n1,2,nan\n", "grain 1: z is not finite"),
         (b"x [m], y [m], z [m], vx [m/s]\n1,2,3,4\n", "vx, vy and vz it has x alone"),

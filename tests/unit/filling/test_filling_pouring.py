@@ -14,6 +14,7 @@ from scipy.spatial import KDTree
 from labbook.filling import Inflow, PlacingError, Pouring, place
 from labbook.scene import (
     BedTop,
+    Box,
     ConicalSilo,
     Feed,
     HertzMindlin,
@@ -177,3 +178,20 @@ def test_a_bed_is_stored_with_the_grains_that_have_still_to_enter(grains):
     assert np.array_equal(later.order, pouring.order)
     if stored.kind is not None:
         assert np.array_equal(entering.kind, turned.kind[entering.ids])
+
+
+def test_a_stream_at_a_periodic_side_sees_the_bed_across_it():
+    """Grains just within one side fill the height of the region, which ends at the other."""
+    period = 6 * D
+    silo = Box(width=6 * D, depth=period, height=60 * D, periodic="y")
+    flow = stream(50.0).model_copy(update={"low": (-2 * D, 0.2 * period, 20 * D), "high": (2 * D, period / 2, 24 * D)})
+    closed = scene(EQUAL).model_copy(update={"container": silo}).close()
+    x, z = (of.ravel() for of in np.meshgrid(D * np.arange(-2, 3), D * np.arange(20, 25)))
+    bed = np.column_stack([x, np.full(len(x), -period / 2 + 0.1 * D), z])
+    there = Packing(bed, np.zeros_like(bed), np.zeros_like(bed), ids=np.arange(len(bed)))
+    entered = Pouring(closed, flow, 1, BEAT).returning(BedTop.of(there), 1)
+    assert len(entered) > 3
+    branches = entered.x[:, None] - bed
+    branches[..., 1] -= period * np.round(branches[..., 1] / period)
+    assert np.linalg.norm(branches, axis=2).min() >= D
+    assert np.abs(entered.x[:, 1]).max() > period / 2 - D, "some are near the side"

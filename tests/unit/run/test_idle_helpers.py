@@ -14,6 +14,7 @@ import pytest
 from toy_lab import carry_out, study
 
 from labbook import plugins
+from labbook.filling import place
 from labbook.lab.folder import DiskFull, LabFolder
 from labbook.run import finalizing, helper, runner
 from labbook.run.helper import HelperLost, HelperProcess, idle_helpers
@@ -261,3 +262,13 @@ def test_none_outlives_its_parent(end):
         with suppress(ProcessLookupError):
             os.killpg(parent.pid, signal.SIGKILL)
         parent.communicate()
+
+
+def test_a_helper_that_dies_while_it_loads_is_replaced(monkeypatch, tmp_path):
+    closed = study(tmp_path).points[0].scene.close()
+    monkeypatch.setattr(finalizing, "load_packages", os.abort)
+    finalizer = finalizing.Finalizer(alone=False)
+    finalizer.begin()
+    packing = finalizer.place(closed, "rain", 1).result(60)
+    finalizer.end()
+    assert packing.x.tobytes() == place(closed, "rain", 1).x.tobytes()

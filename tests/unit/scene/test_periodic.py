@@ -37,6 +37,7 @@ from labbook.scene.packing import Packing
 from labbook.scene.periodic import nearest_images, tree, tree_places, with_images
 from labbook.scene.sizes import Uniform
 from labbook.scene.triangles import Triangles
+from labbook.scene.wall_shape import SurfaceMotion
 
 D = 3e-3
 PERIOD = 3.3 * D
@@ -121,6 +122,15 @@ def test_parts_keep_a_grain_length_from_periodic_sides_or_have_no_end(part, fits
     else:
         with pytest.raises(ValidationError, match=r"container\.parts.*periodic side"):
             scene(wide)
+
+
+def test_a_turntable_is_refused():
+    """The velocity of its surface jumps at the sides; that of a belt does not."""
+    floor = Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
+    belt = Wall(name="floor", shape=floor, motion=SurfaceMotion(velocity=(0.0, 0.1, 0.0)))
+    assert scene(box(parts=(belt,)))
+    with pytest.raises(ValidationError, match="meets a periodic side"):
+        scene(box(parts=(Wall(name="floor", shape=floor, motion=SurfaceMotion(spin=1.0)),)))
 
 
 def test_clumps_are_refused():
