@@ -148,7 +148,7 @@ class Pouring:
         near = (there.x > self._low - self._near) & (there.x < self._high + self._near)
         if math.isfinite(self._scene.container.period):
             near[:, Y] = True  # a grain beyond the other side may be near
-        bed = there.subset(near.all(axis=1))
+        bed = there.subset(np.all(near, axis=1))
         search = Search(self._radius[rows], bed, self._radius[bed.ids], rng, draw)
         [positions] = entering(self._room, self._scene.grains, [search], _TRIES)
         return positions.packing(self.every, rows, stream.velocity) if len(positions.rows) else None
