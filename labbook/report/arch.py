@@ -44,8 +44,8 @@ _CAPTION = (
     "bars: standard errors over beds; discs: share of the arches with so many grains."
 )
 _DOME = (
-    ", of a dome all such chains in vertical planes through the axis of the hole or across the slot, from the front "
-    "with the section in the middle (grey) and from above"
+    ". A dome has such a chain in each vertical plane through the axis of the hole, or across the slot, drawn from "
+    "the front with the section in the middle (grey) and from above"
 )
 _TABLE = (
     "Errors are over beds. Grains of an arch include those at both ends, which rest on the bottom. A stop that no "

@@ -218,8 +218,8 @@ def _fraction(fraction: float) -> str:
 
 _BUDGET = (
     "Relative to the value. Seeds: half width of the 95 % interval. Numerics: the largest difference in this study, or "
-    "for W, if there is none, the calibrated bound of the bias. Window: half of the drift of W across the window "
-    "beyond its 95 % interval, by which W at either end differs from its mean; for fitted parameters the largest "
+    "for W, if there is none, the calibrated bound of the bias. Window: for W, half of the significant drift, that "
+    "beyond its 95 % interval; for fitted parameters the largest "
     "difference to windows that open at 0.1, 0.15, 0.2 and at the end of the start-up. Filling, bed: the largest "
     "difference in this study."
 )

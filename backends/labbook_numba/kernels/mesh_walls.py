@@ -1,4 +1,4 @@
-"""Grains at walls of triangles: which features are near, and the contacts of spheres of now; compiled only for scenes
+"""Grains at walls of triangles: which features are near, and the present contacts of spheres; compiled only for scenes
 that have a mesh. Those of rods are in `rod_walls`."""
 
 import numpy as np
