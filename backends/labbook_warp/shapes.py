@@ -1,7 +1,7 @@
 """Shapes of grains: their kernels, memory layout and tuning for GPUs."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 
 from labbook_warp.codec import GrainFields
@@ -56,39 +56,26 @@ class Shape:
     """Longest loop that is unrolled."""
 
 
+_SPHERE = Shape(
+    kernels=(spheres, sphere_walls),
+    mesh_kernels=(spheres, meshes, mesh_walls),
+    shared_fields=GrainFields(("x",), ("v", "w", "u"), rounding=True),
+    state={},
+    reach=1,
+    threads=((5_000, 8), (15_000, 4), (42_000, 2)),
+    registers={"mixed": 80, "double": 128},
+    registers_of_few={"mixed": 96, "double": 0},
+    registers_of_rims={"mixed": 0, "double": 8},
+    registers_of_walls={},
+    registers_of_meshes={"mixed": 128, "double": 168},
+    bytes=240,
+    prefetch=6,
+    unroll=16,
+)
 SHAPES = {
-    "sphere": Shape(
-        kernels=(spheres, sphere_walls),
-        mesh_kernels=(spheres, meshes, mesh_walls),
-        shared_fields=GrainFields(("x",), ("v", "w", "u"), rounding=True),
-        state={},
-        reach=1,
-        threads=((5_000, 8), (15_000, 4), (42_000, 2)),
-        registers={"mixed": 80, "double": 128},
-        registers_of_few={"mixed": 96, "double": 0},
-        registers_of_rims={"mixed": 0, "double": 8},
-        registers_of_walls={},
-        registers_of_meshes={"mixed": 128, "double": 168},
-        bytes=240,
-        prefetch=6,
-        unroll=16,
-    ),
-    "clump": Shape(
-        kernels=(spheres, sphere_walls),
-        mesh_kernels=(spheres, meshes, mesh_walls),
-        shared_fields=GrainFields(("x",), ("v", "w", "u"), rounding=True),
-        state={"clump_x": "one", "clump_v": "one", "clump_m": "one", "turned": "one"},
-        reach=1,
-        threads=((5_000, 8), (15_000, 4), (42_000, 2)),
-        registers={"mixed": 80, "double": 128},
-        registers_of_few={"mixed": 96, "double": 0},
-        registers_of_rims={"mixed": 0, "double": 8},
-        registers_of_walls={},
-        registers_of_meshes={"mixed": 128, "double": 168},
-        bytes=340,
-        prefetch=6,
-        unroll=16,
-    ),
+    "sphere": _SPHERE,
+    # rows are its spheres; the clump itself has a state of its own
+    "clump": replace(_SPHERE, state={"clump_x": "one", "clump_v": "one", "clump_m": "one", "turned": "one"}, bytes=340),
     "spherocylinder": Shape(
         kernels=(rods, rod_walls, rod_contacts, rod_plates),
         mesh_kernels=(rods, rod_walls, rod_contacts, meshes, rod_meshes),

@@ -301,7 +301,7 @@ def _filling_walls(study: Study) -> Iterator[str]:
         wall_names = [wall.name for wall in scene.container.walls()]
         for name in scene.walls:
             if name != "all" and name not in wall_names:
-                flow_walls[name] = [other for other in wall_names if other.startswith(name)] or wall_names
+                flow_walls[name] = [wall for wall in wall_names if wall.startswith(name)] or wall_names
     for name, wall_names in flow_walls.items():
         reason = "this wall stands only while the bed is filled: the flow does not feel it"
         yield _warning(study.path, f"walls.{name}", reason, f"for the flow use {', '.join(wall_names)}")

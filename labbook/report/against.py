@@ -123,7 +123,7 @@ def _unsure(comparison: Against, line: Line, ratio_point: RatioPoint) -> str:
     """Reason that a ratio has no interval: one pair of runs, or one run at either value; with the remarks of points."""
     assert line.first is not None
     why = f"{_pairing(ratio_point)}: no interval" if ratio_point.pairs else "one run: no interval"
-    ends = [(one.value, one.result.remark) for one in (line.first, ratio_point) if one.result.remark]
+    ends = [(end.value, end.result.remark) for end in (line.first, ratio_point) if end.result.remark]
     return "; ".join((why, *(f"at {_value(comparison, value)}: {remark}" for value, remark in ends)))
 
 
@@ -180,7 +180,9 @@ def against_table(comparison: Against) -> Table:
 
 def _worded(comparison: Against, name: str) -> bool:
     results = [point.result for line in comparison.lines for point in line.points]
-    values = comparison.values if name == comparison.key else [{**one.at, **one.along}.get(name) for one in results]
+    values = (
+        comparison.values if name == comparison.key else [{**result.at, **result.along}.get(name) for result in results]
+    )
     return any(isinstance(value, str) for value in values)
 
 
@@ -214,9 +216,9 @@ def against_caption(comparison: Against) -> str:
     below = f" Below: over {name} at {_first(comparison)}, {with_intervals}{how}." if ratios else ""
     text = f"Above: {name} with 95 % intervals.{below}"
     results = [point.result for line in comparison.lines for point in line.points]
-    pooled = [one.pooled[comparison.quantity] for one in results if comparison.quantity in one.pooled]
-    open_ends = not all(math.isfinite(one.half_width) for one in (*pooled, *ratios))
-    text += " Hollow: see the remarks in the table." if any(one.remark for one in results) else ""
+    pooled = [result.pooled[comparison.quantity] for result in results if comparison.quantity in result.pooled]
+    open_ends = not all(math.isfinite(number.half_width) for number in (*pooled, *ratios))
+    text += " Hollow: see the remarks in the table." if any(result.remark for result in results) else ""
     text += " Hollow with a dashed bar: the interval is unknown." if open_ends else ""
     text += f" Cross at the foot: no {name}." if len(pooled) < len(results) else ""
     if comparison.along:

@@ -242,7 +242,7 @@ def concerns(results: StudyResults) -> list[str]:
     for how in ("clogged", "diverged"):
         ended = [(point, point.outcomes[how]) for point in points if point.outcomes[how]]
         if ended:
-            labels = [f"{one.label or 'the only point'} ({n} of {len(one.runs)})" for one, n in ended]
+            labels = [f"{point.label or 'the only point'} ({n} of {len(point.runs)})" for point, n in ended]
             sentences.append(f"{_count(sum(n for _, n in ended), 'run')} {how}: {_listed(labels)}.")
     sentences.append(_no_flow(results))
     suspects = [(point, run) for point in points for run in point.suspect]

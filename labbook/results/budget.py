@@ -200,7 +200,7 @@ def _swept(source: Source, at: Mapping[str, float | str], value: float, values: 
     alike = [other for there, other in values if there is not at and _without(there, source) == fixed]
     if not alike or not value:
         return Share(source, None, NOT_MEASURED)
-    relative = max(abs(other / value - 1) for other in alike)
+    relative = max(abs(another / value - 1) for another in alike)
     return Share(source, relative, f"largest difference to {len(alike)} other settings of this study")
 
 

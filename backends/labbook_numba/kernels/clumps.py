@@ -29,17 +29,9 @@ from labbook_numba.kernels.features import (
     kernel,
     uint64,
 )
-from labbook_numba.kernels.transfer import load
+from labbook_numba.kernels.transfer import load, store
 from labbook_numba.lanes import put_row, row_at
 from labbook_numba.state import Params, State
-
-
-@func
-def store(a, i, c, vector):
-    """Store a vector in row i from column c on."""
-    a[i, c] = vector.x
-    a[i, c + 1] = vector.y
-    a[i, c + 2] = vector.z
 
 
 @func

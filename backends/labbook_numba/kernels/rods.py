@@ -9,7 +9,7 @@ from labbook_dem.words import dot, func, sqrt, wide, wide3
 from labbook_numba.kernels.branches import branch_between
 from labbook_numba.kernels.features import GRAIN, GRAINS, PLATE_PARTS, A, F, M, P, Q, T, V, W, X, kernel, uint64
 from labbook_numba.kernels.surfaces import wall_numbers
-from labbook_numba.kernels.transfer import load
+from labbook_numba.kernels.transfer import load, store
 from labbook_numba.lanes import put_row, row_at, square
 from labbook_numba.state import Params, State
 
@@ -39,14 +39,6 @@ def near_wall(grains, body, i, walls, kind, w, radius, half, skin):
         distance, _, _ = wall_part(numbers, w, kind[w], x, axis, half, reach, part, met, on, twin, back)
         near = near or distance < reach
     return near
-
-
-@func
-def store(a, i, c, vector):
-    """Store a vector in row i from column c on."""
-    a[i, c] = vector.x
-    a[i, c + 1] = vector.y
-    a[i, c + 2] = vector.z
 
 
 @func

@@ -211,6 +211,14 @@ def load(a, i, c):
 
 
 @func
+def store(a, i, c, vector):
+    """Store a vector in row i from column c on."""
+    a[i, c] = vector.x
+    a[i, c + 1] = vector.y
+    a[i, c + 2] = vector.z
+
+
+@func
 def spring_of(spring, held, k):
     """Spring of entry k; zero if it is not valid."""
     return spring_at(spring, k, wide(held[k]))

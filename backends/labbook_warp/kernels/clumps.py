@@ -13,11 +13,9 @@ from labbook_dem.words import dot, func, narrow, real, rounded, struct, vec3, wi
 
 from labbook_warp.kernels.shown import position, put
 from labbook_warp.kernels.spheres import Grain
-from labbook_warp.kernels.step import record_crossing, record_failure
+from labbook_warp.kernels.step import check_speed, record_crossing
 from labbook_warp.kernels.system import Material, System, material
 from labbook_warp.kernels.words import (
-    BAD_SPEED,
-    BAD_STATE,
     CROSSING,
     LEDGER,
     MOST_SPHERES,
@@ -28,7 +26,6 @@ from labbook_warp.kernels.words import (
     int64,
     kernel,
     load_int,
-    load_real,
     wide4,
     wp,
 )
@@ -102,20 +99,6 @@ def park_clump(a: System, q: Words, s: int, i: int, count: int, x: wide3):
 
 
 @func
-def check_clump(a: System, m: Material, s: int, i: int, now: int64, way2: wide, w: wide3):
-    """Record a failure of a clump whose fastest sphere went a way [m], squared, in the step; w: as in `clump_spin`."""
-    speed2 = rounded(way2 / (m.dt * m.dt))
-    # written so that NaN fails too
-    if not speed2 <= m.speed_limit2 or not dot(w, w) >= wide(0.0):
-        code = BAD_STATE
-        if speed2 > m.speed_limit2:
-            code = BAD_SPEED
-        record_failure(a, s, i, now + wp.int64(1), code, wp.sqrt(speed2))
-    elif speed2 > load_real(a.most_speed2, s):  # rarely true: saves the atomic
-        wp.atomic_max(a.most_speed2, s, speed2)
-
-
-@func
 def advance_clump(a: System, p: Words, q: Words, m: Material, s: int, i: int, now: int64, count: int):
     """Move the clump in row i by one step (leapfrog; `labbook_dem.motion`), and write its spheres to q."""
     kick_dt = m.dt
@@ -170,7 +153,7 @@ def advance_clump(a: System, p: Words, q: Words, m: Material, s: int, i: int, no
                 q, i + k, centre, narrow(sphere_velocity(v, spin, lever)), narrow(spin),
                 narrow(sphere_velocity(u, predicted_spin, lever)), real(0.0),
             )  # fmt: skip
-        check_clump(a, m, s, i, now, way2, w)
+        check_speed(a, m, s, i, now, rounded(way2 / (m.dt * m.dt)), dot(w, w) >= wide(0.0))
 
 
 @kernel

@@ -73,6 +73,20 @@ def record_failure(a: System, s: int, i: int, now: int64, code: int, value: real
 
 
 @func
+def check_speed(a: System, m: Material, s: int, i: int, now: int64, speed2: real, has_spin: bool):
+    """Record a failure of row i with the square of a speed [m^2/s^2], or that it is the fastest so far; has_spin: its
+    spin is a number."""
+    # written so that NaN fails too
+    if not speed2 <= m.speed_limit2 or not has_spin:
+        code = BAD_STATE
+        if speed2 > m.speed_limit2:
+            code = BAD_SPEED
+        record_failure(a, s, i, now + wp.int64(1), code, wp.sqrt(speed2))
+    elif speed2 > load_real(a.most_speed2, s):  # rarely true: saves the atomic
+        wp.atomic_max(a.most_speed2, s, speed2)
+
+
+@func
 def record_crossing(a: System, plane: wide, dt: wide, s: int, i: int, now: int64, z_before: wide, g: Grain):
     """Record the first passage of grain i through the member's plane. z_before: height [m] a step ago."""
     a.gone[i] = 1
@@ -142,14 +156,7 @@ def advance(
             new = at_rest(new, wide(PARKED))
             rounding = real(0.0)
     speed2 = max_speed2(m, new)
-    # written so that NaN fails too
-    if not speed2 <= m.speed_limit2 or not dot(new.w, new.w) >= real(0.0):
-        code = BAD_STATE
-        if speed2 > m.speed_limit2:
-            code = BAD_SPEED
-        record_failure(a, s, i, now + wp.int64(1), code, wp.sqrt(speed2))
-    elif speed2 > load_real(a.most_speed2, s):  # rarely true: saves the atomic
-        wp.atomic_max(a.most_speed2, s, speed2)
+    check_speed(a, m, s, i, now, speed2, dot(new.w, new.w) >= real(0.0))
     store(a, q, i, new, rounding)
 
 

@@ -48,8 +48,8 @@ def _time_steps(platform: Platform) -> Iterator[Ending]:
                 yield guard_error(name, outcome)
                 continue
             # of 0.13 m g d at first
-            left = slow_energy(bed, sound(outcome).end)
-            yield within(platform, name, "kinetic energy of all but 5 %", left, limited(1e-6, "m g d"))
+            energy = slow_energy(bed, sound(outcome).end)
+            yield within(platform, name, "kinetic energy of all but 5 %", energy, limited(1e-6, "m g d"))
 
 
 def _stiffnesses(platform: Platform) -> Iterator[Ending]:

@@ -139,7 +139,7 @@ def _panel(
             value: x[value] * (1 + 3 * shift) if logarithmic else x[value] + (1 if comparison.words else span) * shift
             for value in values
         }
-        measured = [one for one in line.points if comparison.quantity in one.result.pooled]
+        measured = [p for p in line.points if comparison.quantity in p.result.pooled]
         if not comparison.words:
             path = {"color": style["color"], "linestyle": style["linestyle"], "linewidth": 0.6, "alpha": 0.6}
             main.plot(

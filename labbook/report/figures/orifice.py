@@ -279,7 +279,8 @@ def _points(
             ends = (low, high) if math.isfinite(pooled.half_width) else (-math.inf, math.inf)
             hollow = result.hollow or result.identity in flagged
             point(ax, result.orifice * 1e3 + shift, value, ends, color=color, hollow=hollow, marker=marker, zorder=3)
-    marks = [(one.orifice * 1e3 + shift, one.lacking if words else "") for one in points if one.flow_rate is None]
+    stopped = [result for result in points if result.flow_rate is None]
+    marks = [(result.orifice * 1e3 + shift, result.lacking if words else "") for result in stopped]
     crosses(ax, marks, color)
 
 
